@@ -41,7 +41,10 @@ class Comparison:
     def summary(self) -> str:
         """One line that counts the rows by verdict, and their means where not all are the same: it agrees with the
         exit code."""
-        parts = [f"{len(self.rows)} rows: {_counts_in_words(self.rows) or 'no rows'}"]
+        counts = "no rows"
+        if self.rows:
+            counts = _counts_in_words(self.rows)
+        parts = [f"{len(self.rows)} rows: {counts}"]
         if any(row.verdict != Verdict.SAME for row in self.means):
             parts.append(f"means of rows: {_counts_in_words(self.means)}")
         allowed = sum(not row.forbids for row in self.having(Verdict.GONE, Verdict.UNLIKE))
@@ -80,6 +83,7 @@ def compare(
     Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
     """
     check_whole(base)
+    # The jobs of both runs that are compared, and their times.
     every = [*base.jobs, *new.jobs]
     check_names("material", materials, {job["material"] for job in every})
     check_names("codec", codecs, {_codec(job) for job in every})
@@ -95,6 +99,7 @@ def compare(
     materials_in_order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
     keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
 
+    # Each row of either run, with its jobs in the order of their seeds.
     rows_before = by_row(sorted(before, key=lambda job: job["seed"]))
     rows_after = by_row(sorted(after, key=lambda job: job["seed"]))
     rows = []
@@ -121,25 +126,25 @@ def _jobs_to_compare(run: Run, materials: Sequence[str], codecs: Sequence[str]) 
 
 def _pattern_names(pattern: str, row: ComparedRow) -> bool:
     """Whether a pattern of `allow` names a row: by material and label, by label, by codec or by material."""
-    codec = row.label.split()[0]
-    words = (row.name, row.label, codec, row.material)
-    return any(fnmatchcase(word, pattern) for word in words)
+    codec, *_ = row.label.split()
+    names = (row.name, row.label, codec, row.material)
+    return any(fnmatchcase(name, pattern) for name in names)
 
 
 def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
     """A mean row for each codec with several rows, and one for all codecs; none for fewer than two rows."""
     rows_of_codec = grouped(rows, lambda row: row.label.split()[0])
-    mean_rows = [_mean(name, of_codec, every=False) for name, of_codec in rows_of_codec.items()]
-    mean_rows.append(_mean("all codecs", list(rows), every=True))
-    return [row for row in mean_rows if row]
+    mean_rows = [_mean_row(name, of_codec, every=False) for name, of_codec in rows_of_codec.items()]
+    mean_rows.append(_mean_row("all codecs", list(rows), every=True))
+    return [row for row in mean_rows if row is not None]
 
 
-def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
+def _mean_row(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
     """The row of means over several rows; None where no quantity got a verdict on two or more of them.
 
     `every` says that the rows are of all codecs, not of one: their mean has a tolerance of its own.
     """
-    changes: dict[str, list[Change]] = {}
+    changes: dict[str, list[Change]] = {}  # by name of the quantity
     for row in rows:
         for change in row.deciding:
             # Sizes, which have no metric, are exact on each row; and a mean with an infinite number says nothing.
@@ -152,7 +157,7 @@ def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | Non
 
 
 def _is_finite(change: Change) -> bool:
-    """Whether both its values are finite numbers."""
+    """Whether both values of a change, of base and of new, are finite numbers."""
     return all(value is not None and math.isfinite(value) for value in (change.base, change.new))
 
 
@@ -169,18 +174,21 @@ def _mean_change(changes: list[Change], every: bool) -> Change:
     # added to it, so that a row that hardly scatters does not outweigh all others.
     inverse = []
     for change in changes:
-        error = change.chance.error if change.chance else 0.0
+        error = 0.0  # of a row that does not scatter
+        if change.chance is not None:
+            error = change.chance.error
         inverse.append(1 / (error**2 + tolerance.common**2))
     total = math.fsum(inverse)
     weights = [share / total for share in inverse]
     chance = _scatter_of_mean(changes, weights)
     if every:
-        least = tolerance.common
-    elif chance:
-        least = tolerance.drawn
+        margin = tolerance.common
+    elif chance is not None:
+        margin = tolerance.drawn
     else:
-        least = tolerance.certain
-    margin = max(least, chance.margin(tolerance)) if chance else least
+        margin = tolerance.certain
+    if chance is not None:
+        margin = max(margin, chance.margin(tolerance))
     base = fmean(change.base for change in changes if change.base is not None)
     new = fmean(change.new for change in changes if change.new is not None)
     differences = [change.difference or 0.0 for change in changes]
@@ -200,7 +208,7 @@ def _scatter_of_mean(changes: list[Change], weights: list[float]) -> Chance | No
     for_freedom = []  # the terms of Welch and Satterthwaite's sum
     for_meier = []  # the terms of Meier's sum
     for weight, change in zip(weights, changes, strict=True):
-        if change.chance:
+        if change.chance is not None:
             variance = (weight * change.chance.error) ** 2
             variances.append(variance)
             for_freedom.append(variance**2 / change.chance.freedom)
@@ -235,8 +243,9 @@ def _identity(job: Job) -> tuple[str, ...]:
 
 
 def _codec(job: Job) -> str:
-    """The codec's name; an unavailable job has it only in its label."""
-    name: str = job["label"].split()[0]
+    """The codec's name, the first word of the label: an unavailable job has it nowhere else."""
+    name: str
+    name, *_ = job["label"].split()
     return name
 
 
@@ -268,7 +277,7 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
             yield "not measured under the same conditions: " + "; ".join(changed)
     guessed = []
     for row in rows:
-        # `spread` is None where one seed alone measures the scatter.
+        # `spread` is None where one seed alone measures the scatter, and `margin` where a number does not decide.
         if any(change.margin and change.spread is None for change in row.deciding):
             guessed.append(row.name)
     if guessed:
@@ -294,9 +303,12 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
     neither has, and for a damaged base.
     """
     check_whole(base)
-    known = {record["subject"] for record in base.stress}
-    check_names("codec", codecs, known | {record["subject"] for record in new.stress})
-    subjects = set(codecs) or known
+    subjects_of_base = {record["subject"] for record in base.stress}  # names of codecs
+    subjects_of_new = {record["subject"] for record in new.stress}
+    check_names("codec", codecs, subjects_of_base | subjects_of_new)
+    subjects = set(codecs)
+    if not subjects:
+        subjects = subjects_of_base
     cells_of_base = _cells(base, subjects)
     cells_of_new = _cells(new, subjects)
     if not cells_of_base.keys() & cells_of_new.keys():
@@ -304,9 +316,11 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
     held = sum(record["verdict"] == "pass" for record in cells_of_new.values())
     worse = []
     for name, before in cells_of_base.items():
-        after = cells_of_new.get(name)
-        if before["verdict"] != "pass" or any(fnmatch(name, pattern) for pattern in allow):
+        if before["verdict"] != "pass":  # what did not hold cannot get worse
             continue
+        if any(fnmatch(name, pattern) for pattern in allow):
+            continue
+        after = cells_of_new.get(name)
         if after is None:
             worse.append(f"{name} is gone")
         elif after["verdict"] != "pass":

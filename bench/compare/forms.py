@@ -34,8 +34,9 @@ def annotations(comparison: Comparison) -> str:
     errors = [(row.name, "; ".join(row.reasons())) for row in rows if row.forbids]
     warnings = [(row.name, "; ".join(row.reasons())) for row in comparison.having(*FORBIDDEN) if not row.forbids]
     warnings += [(row.name, row.advice) for row in comparison.rows if row.advice]
-    lines = [command("error", *finding) for finding in _few(errors)]
-    return "\n".join(lines + [command("warning", *finding) for finding in _few(warnings)])
+    lines = [command("error", title, message) for title, message in _few(errors)]
+    lines += [command("warning", title, message) for title, message in _few(warnings)]
+    return "\n".join(lines)
 
 
 def command(kind: str, title: str, message: str) -> str:
@@ -53,9 +54,10 @@ def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
     """At most `MOST_ANNOTATIONS` findings, each a title and a message: the last one counts the rest, and names them."""
     if len(findings) <= MOST_ANNOTATIONS:
         return findings
+    shown = findings[: MOST_ANNOTATIONS - 1]  # and one for all others
     not_shown = findings[MOST_ANNOTATIONS - 1 :]
     names = ", ".join(name for name, _ in not_shown)
-    return [*findings[: MOST_ANNOTATIONS - 1], (f"{len(not_shown)} more", names)]
+    return [*shown, (f"{len(not_shown)} more", names)]
 
 
 def junit(comparison: Comparison) -> str:
@@ -82,7 +84,10 @@ def junit(comparison: Comparison) -> str:
 
 
 def _cases(row: ComparedRow) -> Iterator[Element]:
-    """The test cases of a row: one a quantity that decides, or one for the whole row."""
+    """The test cases of a row: one for each quantity that decides.
+
+    Also one for the whole row if it has a reason of its own, or no such quantity.
+    """
     if row.why or not row.deciding:
         yield _case(row, "result", row.verdict, row.why)
     for change in row.deciding:
@@ -97,7 +102,9 @@ def _case(row: ComparedRow, what: str, verdict: Verdict, text: str) -> Element:
         failure = SubElement(case, "failure", type=verdict.lower(), message=_legal(text))
         failure.text = _legal(f"{row.name}: {text}")
     elif verdict in (Verdict.UNLIKE, Verdict.GONE, Verdict.NEW):
-        SubElement(case, "skipped", message=_legal(text or verdict))
+        if not text:  # a new row has no reason
+            text = verdict
+        SubElement(case, "skipped", message=_legal(text))
     return case
 
 
@@ -113,11 +120,15 @@ def tracker(run: Run) -> dict[str, str]:
     timed = multiples(list(chain.from_iterable(rows.values())), list(run.timings))
     for row, jobs in rows.items():
         for quantity in [*deciding(jobs[0]), *undeciding(jobs[0])]:
-            every = [quantity.value(job) for job in jobs]
-            values = [value for value in every if value is not None and math.isfinite(value)]
-            if len(values) == len(jobs):  # JSON has no infinity, and a mean over some seeds is not comparable
-                unit = quantity.unit or quantity.name
-                entries[FILES[quantity.better]].append(_entry("/".join((*row, quantity.name)), unit, values))
+            values_of_seeds = [quantity.value(job) for job in jobs]
+            values = [value for value in values_of_seeds if value is not None and math.isfinite(value)]
+            if len(values) < len(jobs):  # JSON has no infinity, and a mean over some seeds is not comparable
+                continue
+            unit = quantity.unit
+            if not unit:  # such as bytes: the name says what is counted
+                unit = quantity.name
+            name = "/".join((*row, quantity.name))  # material/label/quantity
+            entries[FILES[quantity.better]].append(_entry(name, unit, values))
         if row in timed:
             entry = _entry("/".join((*row, "time")), "× mean-colour", [timed[row].mean])
             low, high = timed[row].interval
@@ -128,8 +139,8 @@ def tracker(run: Run) -> dict[str, str]:
 def _entry(name: str, unit: str, values: list[float]) -> dict[str, Any]:
     """One number of a tracker: the mean of values, one a seed; of several with half of their range."""
     mean = math.fsum(values) / len(values)
-    half = (max(values) - min(values)) / 2
+    half_range = (max(values) - min(values)) / 2
     entry: dict[str, Any] = {"name": name, "unit": unit, "value": float(f"{mean:.7g}")}
     if len(values) > 1:
-        entry |= {"range": f"± {half:.2g}", "extra": f"{len(values)} seeds"}
+        entry |= {"range": f"± {half_range:.2g}", "extra": f"{len(values)} seeds"}
     return entry

@@ -87,22 +87,27 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
 def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Job]]) -> Against:
     """As `against`, for jobs that are given by name, then by material and seed; slices are read in their folder."""
     ours = jobs[first]
-    read = cache(lambda *key: decibels(folder, ours[key]))  # each is compared with all others
+
+    @cache  # each of them is compared with all others
+    def slices_of_first(material: str, seed: int) -> np.ndarray | None:
+        """The slices of the job of `first` with that material and seed."""
+        return decibels(folder, ours[material, seed])
+
     differences = Against(first, {}, {})
     for label, theirs in jobs.items():
         if label == first:
             continue
         both = [(job, theirs[key]) for key, job in ours.items() if key in theirs]
         try:
-            cells = _cells(both, lambda job: read(job["material"], job["seed"]), partial(decibels, folder))
+            cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), partial(decibels, folder))
         except InputError:  # slices of one codec that cannot be read must not cost the table of all others
             continue
         over_all = interval(cells)
-        if over_all:
+        if over_all is not None:  # None: they have no slices to compare
             differences.over[label] = over_all
         for material, cells_of_material in grouped(cells, lambda cell: cell.material).items():
             on_material = interval(cells_of_material)
-            if on_material:
+            if on_material is not None:
                 differences.on.setdefault(material, {})[label] = on_material
     return replace(differences, over=told_apart(differences.over))
 
@@ -119,7 +124,7 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
 
 
 def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) -> Interval | None:
-    """The mean difference of the jobs of a row in two runs, seed by seed."""
+    """The mean difference of the jobs of a row in two runs, seed by seed; None if they have no slices to compare."""
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
     return interval(_cells(pairs, partial(decibels, base.folder), partial(decibels, new.folder)))
@@ -182,7 +187,9 @@ def _student_interval(means: np.ndarray) -> tuple[float, float]:
     if error > 0:
         return half_interval, float(2 * stdtr(freedom, -mean / error))  # of both tails
     # All means are equal. If they are 0, equal codecs give them for certain, and else never.
-    return half_interval, 1.0 if mean == 0 else 0.0
+    if mean == 0:
+        return half_interval, 1.0
+    return half_interval, 0.0
 
 
 def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:
@@ -219,15 +226,17 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
     It is read from the file beside the record, or from a reference, which stores it packed; None if it is in neither.
     """
     stored = job.get("slices")
-    if isinstance(stored, dict):
+    if isinstance(stored, dict):  # of a reference
+        if PSNR not in stored:
+            return None
         try:
-            return unpacked(stored[PSNR]) if PSNR in stored else None
+            return unpacked(stored[PSNR])
         except ValueError as error:
             raise InputError(f"{folder}: the slices of {job['job']} cannot be read ({error}): run it again") from error
     if not stored:
         return None
     path = folder / stored
-    if not path.exists():
+    if not path.exists():  # the file was not kept with the records
         return None
     try:
         arrays = read_arrays(path, MAX_FILE, (PSNR, "heldout"))

@@ -47,11 +47,15 @@ class Quantity:
     def version(self, job: Job) -> object:
         """The version of the metric that measured this in a job; None if it was not measured."""
         if self.metric == FOOTPRINTS:
-            return job["score_key"].get(FOOTPRINTS, 1) if self.value(job) is not None else None
+            if self.value(job) is None:
+                return None
+            return job["score_key"].get(FOOTPRINTS, 1)  # without a version it is of the first
         if not self.metric:
             return 0  # sizes have no version, so any two agree
         described = job["metrics"].get(self.metric)
-        return described["version"] if described else None
+        if described is None:
+            return None
+        return described["version"]
 
     @property
     def scale(self) -> str:
@@ -108,16 +112,18 @@ def deciding(job: Job) -> list[Quantity]:
     names = metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
-        quantities.append(_mean(MAIN, psnr, [group], BY_SLICE))
+        quantities.append(_mean_psnr(MAIN, psnr, [group], BY_SLICE))
         if "train" in job["scores"]:
-            quantities.append(_mean("train", psnr, ["train"], DECIBELS))
+            quantities.append(_mean_psnr("train", psnr, ["train"], DECIBELS))
         grazing = [name for name in (f"{group}, grazing view", f"{group}, grazing light") if name in job["scores"]]
         if grazing:
-            quantities.append(_mean("grazing", psnr, grazing, DECIBELS))
+            quantities.append(_mean_psnr("grazing", psnr, grazing, DECIBELS))
     if any(side != "1" for side in job.get("footprints", {})):
-        quantities.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS, decibels=True))
+        quantities.append(
+            Quantity("footprints", "dB", "higher", 2, _mean_of_footprints, DECIBELS, FOOTPRINTS, decibels=True)
+        )
     if flip:
-        quantities.append(_metric(job, flip, group, "FLIP", digits=4, limit=DIFFERENCE))
+        quantities.append(_pooled_metric(job, flip, group, "FLIP", digits=4, limit=DIFFERENCE))
     return quantities
 
 
@@ -126,18 +132,25 @@ def undeciding(job: Job) -> list[Quantity]:
     group = deciding_group(job["scores"])
     names = metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
-    quantities = [_metric(job, psnr, group, "PSNR pooled", digits=2)] if psnr else []
+    quantities = []
+    if psnr:  # "" if it was not measured
+        quantities.append(_pooled_metric(job, psnr, group, "PSNR pooled", digits=2))
     for name in names:
         if name not in (psnr, flip):
-            quantities.append(_metric(job, name, group, name.removesuffix(PERIODIC), 2 if in_decibels(name) else 4))
+            digits = 2 if in_decibels(name) else 4
+            quantities.append(_pooled_metric(job, name, group, name.removesuffix(PERIODIC), digits))
     for side in job.get("footprints", {}):
         if side != "1":
-            quantities.append(Quantity(f"{side} texels", "dB", "higher", 2, partial(_footprint, side), decibels=True))
-    quantities += [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
+            quantities.append(
+                Quantity(f"{side} texels", "dB", "higher", 2, partial(_psnr_at_footprint, side), decibels=True)
+            )
+    quantities += [_bytes_of_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
     return quantities
 
 
-def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
+def _pooled_metric(
+    job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None
+) -> Quantity:
     """The pooled number of a metric over a group of pairs."""
     described = job["metrics"][metric]
     decibels = in_decibels(metric)
@@ -145,13 +158,17 @@ def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: To
     def value(job: Job) -> float | None:
         """The pooled number of a job; None if it was not measured."""
         stats = metrics_of(job, group).get(metric)
-        return _number(stats, stats.get("pooled"), decibels) if stats else None
+        if not stats:
+            return None
+        return _stored_or_infinite(stats, stats.get("pooled"), decibels)
 
-    unit = "" if described["unit"] == "1" else described["unit"]
+    unit = described["unit"]
+    if unit == "1":  # a plain number, which tables show without a unit
+        unit = ""
     return Quantity(name, unit, described["direction"], digits, value, limit, metric, decibels)
 
 
-def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Quantity:
+def _mean_psnr(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Quantity:
     """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
 
     def value(job: Job) -> float | None:
@@ -160,19 +177,22 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
         for group in groups:
             stats = metrics_of(job, group).get(metric)
             if stats and stats.get("slices", 1):  # records without a count of slices have some
-                numbers.append(_number(stats, stats.get("mean")))
+                numbers.append(_stored_or_infinite(stats, stats.get("mean")))
         return average(numbers)
 
     return Quantity(name, "dB", "higher", 2, value, tolerance, metric, decibels=True)
 
 
-def _footprints(job: Job) -> float | None:
+def _mean_of_footprints(job: Job) -> float | None:
     """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR in older records."""
     numbers = []
     for side, stats in job.get("footprints", {}).items():
         if side != "1":
-            number = stats["mean"] if "mean" in stats else stats[PSNR]
-            numbers.append(_number(stats, number))
+            if "mean" in stats:
+                number = stats["mean"]
+            else:
+                number = stats[PSNR]  # pooled
+            numbers.append(_stored_or_infinite(stats, number))
     return average(numbers)
 
 
@@ -190,13 +210,15 @@ def average(values: Sequence[float | None]) -> float | None:
     return math.fsum(finite) / len(finite)
 
 
-def _footprint(side: str, job: Job) -> float | None:
-    """The pooled PSNR at a footprint of that side; None if it was not measured."""
+def _psnr_at_footprint(side: str, job: Job) -> float | None:
+    """The pooled PSNR at a footprint of that side in texels; None if it was not measured."""
     stats = job.get("footprints", {}).get(side)
-    return _number(stats, stats.get(PSNR)) if stats else None
+    if not stats:
+        return None
+    return _stored_or_infinite(stats, stats.get(PSNR))
 
 
-def _part(part: str) -> Quantity:
+def _bytes_of_part(part: str) -> Quantity:
     """The bytes of a part of the file, such as `decoder` or `texture`."""
 
     def value(job: Job) -> float | None:
@@ -207,13 +229,13 @@ def _part(part: str) -> Quantity:
     return Quantity(f"{part} bytes", unit="", better="lower", digits=0, value=value)
 
 
-def _number(stats: Statistics, pooled: float | None, decibels: bool = True) -> float | None:
-    """The number of a record; infinite decibels if no slice has an error; None if nothing was measured.
+def _stored_or_infinite(stats: Statistics, stored: float | None, decibels: bool = True) -> float | None:
+    """The number that a record has `stored`; infinite decibels if no slice has an error; None if nothing was measured.
 
     A record cannot hold infinity, and has None in both cases: they differ in whether all its slices are exact.
     """
-    if pooled is not None or not decibels:
-        return pooled
+    if stored is not None or not decibels:
+        return stored
     all_exact = stats.get("exact") == stats.get("slices")
     if stats.get("slices") and all_exact:
         return math.inf

@@ -36,14 +36,17 @@ def ranks(scores: Mapping[str, Sequence[float]]) -> Ranks | None:
     from scipy.stats import rankdata, studentized_range  # slow to import
 
     table = np.array(list(scores.values()))
-    codecs, materials = table.shape if table.ndim == 2 else (0, 0)  # no scores make no table
+    if table.ndim != 2:  # there are no scores at all
+        return None
+    codecs, materials = table.shape
     if codecs < 2 or materials < 3:
         return None
     places = rankdata(-table, axis=0)  # (codecs, materials), 1 for the largest score on a material
     mean = dict(zip(scores, places.mean(1).tolist(), strict=True))
     quantile = studentized_range.ppf(1 - ALPHA, codecs, np.inf) / math.sqrt(2)
     critical = float(quantile) * math.sqrt(codecs * (codecs + 1) / (6 * materials))
-    return Ranks(dict(sorted(mean.items(), key=lambda each: each[1])), critical)
+    best_first = dict(sorted(mean.items(), key=lambda item: item[1]))
+    return Ranks(best_first, critical)
 
 
 @dataclass(frozen=True)
@@ -60,20 +63,21 @@ class Standing:
 def standings(cells: Jobs) -> list[Standing]:
     """Every codec by rank, then PSNR; one that was not measured on all materials has no rank, and comes last."""
     on_each = [_qualities(codecs) for codecs in cells.values()]  # of each material: PSNR by label
-    values: dict[str, list[float]] = {}
+    values: dict[str, list[float]] = {}  # by label, one a material
     for qualities in on_each:
         for label, value in qualities.items():
             values.setdefault(label, []).append(value)
     # Those measured on all materials: a rank among fewer materials would not be comparable.
-    racing = [label for label in values if len(values[label]) == len(on_each)]
-    places: dict[str, list[float]] = {label: [] for label in racing}
-    wins = dict.fromkeys(racing, 0)
+    ranked = [label for label in values if len(values[label]) == len(on_each)]
+    places: dict[str, list[float]] = {label: [] for label in ranked}
+    wins = dict.fromkeys(ranked, 0)
     for qualities in on_each:
-        for label, place in _places({label: qualities[label] for label in racing}).items():
+        qualities_of_ranked = {label: qualities[label] for label in ranked}
+        for label, place in _places(qualities_of_ranked).items():
             places[label].append(place)
-        best = max((qualities[label] for label in racing), default=0.0)
-        for label in racing:
-            if qualities[label] + SAME_DB >= best:
+        best = max(qualities_of_ranked.values(), default=0.0)
+        for label, quality in qualities_of_ranked.items():
+            if quality + SAME_DB >= best:
                 wins[label] += 1
     every = []
     for label, of_label in values.items():
@@ -89,9 +93,9 @@ def _qualities(codecs: Mapping[str, Sequence[Job]]) -> dict[str, float]:
     qualities = {}
     for label, jobs in codecs.items():
         means = [stats_of(job, PSNR).get("mean") for job in jobs]
-        known = [mean for mean in means if mean is not None]
-        if known:
-            qualities[label] = fmean(known)
+        measured = [mean for mean in means if mean is not None]
+        if measured:
+            qualities[label] = fmean(measured)
     return qualities
 
 

@@ -63,7 +63,9 @@ def reference(run: Run, before: Run | None = None) -> str:
     if not suite_seeds:  # the suite is unknown, so no seed is a further one
         suite_seeds = {job["seed"] for job in jobs}
     reduced = [_reduced_record(job, run.folder, whole=job["seed"] in suite_seeds) for job in jobs]
-    jobs_before = list(before.jobs) if before else []
+    jobs_before = []
+    if before is not None:
+        jobs_before = list(before.jobs)
     kept_seeds = _seeds_to_keep(reduced, jobs_before)
     timings = _timings(run, [job for job in jobs if job["seed"] in suite_seeds])
     starts = [kept(start, records.REFERENCE) for start in run.starts[-1:]]  # the last, if there is one
@@ -121,7 +123,10 @@ def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
 
 def seeds_of(run: Run) -> int:
     """The number of seeds that a run of the suite will have; that of the run itself if its suite is unknown."""
-    return len(_seeds_of_suite(run)) or len({job["seed"] for job in run.jobs})
+    seeds = _seeds_of_suite(run)
+    if not seeds:  # the suite is unknown
+        seeds = {job["seed"] for job in run.jobs}
+    return len(seeds)
 
 
 def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
@@ -129,8 +134,10 @@ def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
     starts = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
     for job in jobs:
         timing = run.timing(job)
-        if timing:
-            yield rounded(kept(timing, records.REFERENCE)) | {"run": starts.get(timing["run"], timing["run"])}
+        if timing is None:  # the job was not timed
+            continue
+        start = starts.get(timing["run"], timing["run"])
+        yield rounded(kept(timing, records.REFERENCE)) | {"run": start}
 
 
 def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
@@ -177,49 +184,60 @@ def _reduced_record(job: Job, folder: Path, whole: bool) -> Job:
     decides = deciding_group(job["scores"])
     names = list(metrics_of(job))
     psnr = [metric_of(names, PSNR)]
+    metrics_of_deciding = names
+    if not whole:
+        metrics_of_deciding = [*psnr, metric_of(names, FLIP)]
     # The metrics that are kept of each group of pairs.
-    groups = {decides: names if whole else [*psnr, metric_of(names, FLIP)], "train": psnr}
+    groups = {decides: metrics_of_deciding, "train": psnr}
     for band in ("grazing view", "grazing light"):
         groups[f"{decides}, {band}"] = psnr
     line["scores"] = {}
     for group, metrics in groups.items():
         if group in job["scores"]:
-            pooled = whole or group == decides
-            line["scores"][group] = _shorter(metrics_of(job, group), metrics, pooled)
-    numbers = (PSNR, "mean") if whole else ("mean",)
+            with_pooled = whole or group == decides
+            line["scores"][group] = _reduced_group(metrics_of(job, group), metrics, with_pooled)
+    numbers: tuple[str, ...] = ("mean",)
+    if whole:
+        numbers = (PSNR, "mean")  # of a footprint `PSNR` is the pooled number
     line["footprints"] = {}
     for side, stats in job["footprints"].items():
         if side != "1":  # that of one texel is the usual score
-            line["footprints"][side] = _short(stats, *numbers)
+            line["footprints"][side] = _reduced_statistics(stats, *numbers)
     line["metrics"] = {name: line["metrics"][name] for name in line["scores"][decides]["metrics"]}
-    slices = decibels(folder, job) if whole else None
-    if slices is not None:
-        line["slices"] = {PSNR: packed(slices)}
+    if whole:
+        slices = decibels(folder, job)
+        if slices is not None:  # None: the run has no file of them
+            line["slices"] = {PSNR: packed(slices)}
     return rounded(line)
 
 
-def _shorter(metrics: dict[str, Statistics], names: list[str], pooled: bool) -> Group:
-    """The named ones of the metrics of a group: the pooled number of each; of PSNR the mean over slices, and with
-    `pooled` the pooled number, too."""
-    of_psnr = ("pooled", "mean") if pooled else ("mean",)
-    shorter = {}
+def _reduced_group(metrics: dict[str, Statistics], names: list[str], with_pooled: bool) -> Group:
+    """The named ones of the metrics of a group: the pooled number of each; of PSNR the mean over slices, and
+    `with_pooled` the pooled number, too."""
+    reduced = {}
     for name in names:
-        if name in metrics:
-            numbers = of_psnr if name == PSNR else ("pooled",)
-            shorter[name] = _short(metrics[name], *numbers)
-    return {"metrics": shorter}
+        if name not in metrics:
+            continue
+        if name != PSNR:
+            numbers: tuple[str, ...] = ("pooled",)
+        elif with_pooled:
+            numbers = ("pooled", "mean")
+        else:
+            numbers = ("mean",)
+        reduced[name] = _reduced_statistics(metrics[name], *numbers)
+    return {"metrics": reduced}
 
 
-def _short(stats: Statistics, *numbers: str) -> Statistics:
+def _reduced_statistics(stats: Statistics, *numbers: str) -> Statistics:
     """The named numbers; if one is None, also the fields that tell whether it is exact or was never measured."""
-    chosen = {name: stats[name] for name in numbers if name in stats}
-    if None in chosen.values():  # JSON has no infinity: a PSNR without error is None, too
-        chosen |= {key: stats[key] for key in ("exact", "slices")}
-    return chosen
+    reduced = {name: stats[name] for name in numbers if name in stats}
+    if None in reduced.values():  # JSON has no infinity: a PSNR without error is None, too
+        reduced |= {key: stats[key] for key in ("exact", "slices")}
+    return reduced
 
 
 def rounded(value: Any) -> Any:
-    """Numbers rounded to seven digits, more than any tolerance needs."""
+    """A value of JSON with its numbers, also nested ones, rounded to seven digits, more than any tolerance needs."""
     if isinstance(value, float):
         return float(f"{value:.7g}")
     if isinstance(value, dict):
@@ -230,7 +248,10 @@ def rounded(value: Any) -> Any:
 
 
 def published(run: Run) -> str:
-    """A line for each start that produced something, each job and each timing. `InputError` if there is no result."""
+    """The text of a run's results: a line for each start that produced something, each job and each timing.
+
+    `InputError` if there is no result.
+    """
     if not any(job["status"] == "ok" for job in run.jobs) and not len(run.timings):
         raise InputError(f"{run.folder}: the run has no results")
     jobs = [published_job(job, run.folder) for job in run.jobs]

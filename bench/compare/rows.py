@@ -10,12 +10,13 @@ from dataclasses import dataclass, field, replace
 
 from bench.compare.paired import interval_between_runs
 from bench.compare.quantities import MAIN, deciding, undeciding
-from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, one_file, other_settings, unlike
+from bench.compare.verdicts import Change, Verdict, agree, judge, one_file, other_settings, why_fits_unlike, why_unlike
 from bench.records import CONDITIONS, Job, Run, Timing, by_row, grouped
 
-UNIT = "mean-colour"
+UNIT = "mean-colour"  # the label whose time is the unit of times
 FACTOR = 1.25  # a smaller change of a ratio is not mentioned
 ABSENT = "no such job in the run"
+# The verdicts on a row that has numbers or jobs to judge, the gravest first.
 ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BETTER, Verdict.SAME)
 
 
@@ -41,7 +42,7 @@ class Advice:
 
     @property
     def words(self) -> str:
-        """ "slower" or "faster" if the intervals do not overlap and the factor is large enough to matter."""
+        """ "slower" or "faster" if the intervals do not overlap and the factor is large enough to matter; else ""."""
         if self.new.mean > FACTOR * self.base.mean and self.new.interval[0] > self.base.interval[1]:
             return "slower"
         if self.base.mean > FACTOR * self.new.mean and self.new.interval[1] < self.base.interval[0]:
@@ -51,7 +52,7 @@ class Advice:
 
 def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
     """The times of one row in two runs; None if one lacks them or was timed under other conditions."""
-    if not base or not new or base.conditions != new.conditions:
+    if base is None or new is None or base.conditions != new.conditions:
         return None
     return Advice(base, new)
 
@@ -62,13 +63,13 @@ def multiples(jobs: Sequence[Job], timings: Sequence[Timing]) -> dict[tuple[str,
     """
     by_job = {timing["job"]: timing for timing in timings}
     timed = by_row(job for job in jobs if job["job"] in by_job)
-    rows: dict[tuple[str, str], list[Timing]] = {}
-    for row, of_row in timed.items():
-        rows[row] = [by_job[job["job"]] for job in of_row]
+    timings_of: dict[tuple[str, str], list[Timing]] = {}  # by row, one a seed
+    for row, jobs_of_row in timed.items():
+        timings_of[row] = [by_job[job["job"]] for job in jobs_of_row]
     multiple_of_row = {}
-    for (material, label), timings_of_row in rows.items():
-        multiple = _multiple(timings_of_row, rows.get((material, UNIT), []))
-        if multiple:
+    for (material, label), timings_of_row in timings_of.items():
+        multiple = _multiple(timings_of_row, timings_of.get((material, UNIT), []))
+        if multiple is not None:
             multiple_of_row[material, label] = multiple
     return multiple_of_row
 
@@ -124,14 +125,16 @@ class ComparedRow:
     @property
     def advice(self) -> str:
         """A sentence on a notable change of decoding time; "" if there is none."""
-        if not self.timing or not self.timing.words:
+        if self.timing is None or not self.timing.words:
             return ""
         times = f"{self.timing.base.mean:.2f} → {self.timing.new.mean:.2f} × mean-colour"
         return f"decodes {self.timing.words}, {times} (a time is only advice)"
 
     def findings(self) -> list[tuple[Verdict, str]]:
         """A sentence for each difference of this row, and the verdict on it."""
-        findings = [(self.verdict, self.why)] if self.why else []
+        findings = []
+        if self.why:
+            findings.append((self.verdict, self.why))
         for change in self.deciding:
             if change.verdict not in (Verdict.SAME, Verdict.SHOWN):
                 findings.append((change.verdict, sentence(change)))
@@ -153,9 +156,9 @@ def sentence(change: Change) -> str:
     details = quantity.difference(change.difference or 0.0)
     if change.weighted is not None:
         details += " as a weighted mean"
-    if change.interval:
+    if change.interval is not None:
         details += f", 95 % {quantity.difference(change.interval.low)} to {quantity.difference(change.interval.high)}"
-    if change.margin:
+    if change.margin:  # None, or 0 where any change counts
         details += f"; up to {change.margin:,.{quantity.digits}f} counts as the same"
     return f"{text} ({details})"
 
@@ -163,28 +166,34 @@ def sentence(change: Change) -> str:
 def compare_row(
     runs: tuple[Run, Run], before: list[Job], after: list[Job], declared: set[int], timing: Advice | None
 ) -> ComparedRow:
-    """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have."""
-    any_job = before[0] if before else after[0]
+    """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have.
+
+    `runs` are base and new. A verdict on jobs that failed or vanished precedes that on numbers, which are shown.
+    """
+    any_job, *_ = [*before, *after]
     material, label = any_job["material"], any_job["label"]
     base = [job for job in before if job["status"] == "ok"]
     new = [job for job in after if job["status"] == "ok"]
-    verdict, why = _verdict_on_unfinished(base, after, declared)  # None and "" unless jobs failed or vanished
+    unfinished, why = _verdict_on_unfinished(base, after, declared)  # None and "" unless jobs failed or vanished
     if not base or not new:
-        return ComparedRow(material, label, verdict or Verdict.NEW, why)
+        return ComparedRow(material, label, unfinished or Verdict.NEW, why)
     # A base may hold seeds of several versions of a codec. Those unlike the first tell nothing of its scatter.
-    base = [job for job in base if not fitted_unlike(base[0], job)]
+    base = [job for job in base if not why_fits_unlike(base[0], job)]
     ours, theirs = _jobs_of_shared_seeds(base, new)  # of base, and of new
     obstacle = _first_obstacle(base, ours, theirs)
     if obstacle:
-        return ComparedRow(material, label, verdict or Verdict.UNLIKE, why or obstacle)
+        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, why or obstacle)
     changes = _changes(runs, ours, theirs, base)
     if not changes:
-        return ComparedRow(material, label, verdict or Verdict.UNLIKE, why or "neither record has a score")
+        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, why or "neither record has a score")
     others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
-    settings = other_settings(base[0], new[0])
-    notes = [f"settings: {settings}"] if settings else []
+    notes = []
+    settings = other_settings(base[0], new[0])  # "" if they are the same
+    if settings:
+        notes.append(f"settings: {settings}")
     seeds = tuple(job["seed"] for job in theirs)
-    return ComparedRow(material, label, verdict or gravest_verdict(changes), why, seeds, changes, others, timing, notes)
+    verdict = unfinished or gravest_verdict(changes)
+    return ComparedRow(material, label, verdict, why, seeds, changes, others, timing, notes)
 
 
 def _first_obstacle(base: list[Job], ours: list[Job], theirs: list[Job]) -> str:
@@ -194,7 +203,7 @@ def _first_obstacle(base: list[Job], ours: list[Job], theirs: list[Job]) -> str:
     """
     job_of_seed = {job["seed"]: job for job in ours}
     for job in theirs:
-        reason = unlike(job_of_seed.get(job["seed"], base[0]), job)
+        reason = why_unlike(job_of_seed.get(job["seed"], base[0]), job)
         if reason:
             return reason
     return ""
@@ -219,11 +228,12 @@ def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: li
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
         return []
-    apart = interval_between_runs(runs[0], ours, runs[1], theirs)
+    base_run, new_run = runs
+    interval = interval_between_runs(base_run, ours, new_run, theirs)
     with_interval = []
     for change in changes:
         if change.quantity.name == MAIN:  # the interval is of its differences slice by slice
-            change = replace(change, interval=apart)
+            change = replace(change, interval=interval)
         with_interval.append(change)
     return with_interval
 
@@ -247,7 +257,7 @@ def _verdict_on_unfinished(base: list[Job], after: list[Job], declared: set[int]
     if failed:
         which = "the job" if len(failed) == 1 else f"{len(failed)} jobs"
         return Verdict.FAILED, f"{which} failed: {_on_one_line(failed[0]['error'])}"
-    if not base:
+    if not base:  # a new row
         return None, ""
     missing = [job for job in after if job["status"] == "unavailable"]
     if missing:

@@ -66,14 +66,20 @@ class Change:
 
     @property
     def difference(self) -> float | None:
-        """new − base, or their weighted mean over rows; 0 if both are exact."""
-        return self.weighted if self.weighted is not None else _difference(self.base, self.new)
+        """new − base, or their weighted mean over rows; 0 if both are exact, None if one was not measured."""
+        if self.weighted is not None:
+            return self.weighted
+        return _difference(self.base, self.new)
 
     @property
     def loss(self) -> float:
-        """How much worse new is, in the quantity's unit; negative if it is better."""
-        difference = self.difference or 0.0
-        return -difference if self.quantity.better == "higher" else difference
+        """How much worse new is, in the quantity's unit; negative if it is better, 0 if one was not measured."""
+        difference = self.difference
+        if difference is None:
+            return 0.0
+        if self.quantity.better == "higher":
+            return -difference
+        return difference
 
 
 @dataclass(frozen=True)
@@ -115,18 +121,27 @@ def judge(
     if obstacle:
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=obstacle)
     # Sizes have no metric. Their scatter is judged by their own numbers, a metric's by whether files are the same.
-    certain = bool(quantity.metric) and one_file(reference)  # known to be deterministic
-    spread = 0.0 if certain else _spread(values)
+    certain = False  # whether the codec is known to be deterministic
+    scatters = draws
+    if quantity.metric:
+        certain = one_file(reference)
+    else:
+        scatters = not agree(quantity, base, new, reference)
+    spread = _spread(values)
+    if certain:
+        spread = 0.0
     change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
-    if quantity.tolerance is None:
+    if quantity.tolerance is None:  # it does not decide
         return change
     chance = None
-    scatters = draws if quantity.metric else not agree(quantity, base, new, reference)
     if scatters and quantity.metric and paired:
         chance = _paired_scatter(values)
     elif scatters:
         chance = scatter(values, after, len(base))
-    allowed = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
+    if certain:
+        allowed = quantity.tolerance.certain
+    else:
+        allowed = margin(quantity.tolerance, values, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, allowed), allowed, spread, chance=chance)
 
 
@@ -168,7 +183,9 @@ def _difference(base: float | None, new: float | None) -> float | None:
     """new − base; 0 if both are infinite, and None if one was not measured."""
     if base is None or new is None:
         return None
-    return 0.0 if base == new else new - base
+    if base == new:
+        return 0.0
+    return new - base
 
 
 def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]) -> bool:
@@ -180,7 +197,9 @@ def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference
     values = _finite(_scatter_values(quantity, base, new, reference))
     if tolerance is None or len(values) < 2:
         return True
-    unit = abs(fmean(values)) if tolerance.relative else 1.0
+    unit = 1.0
+    if tolerance.relative:  # a share of the mean
+        unit = abs(fmean(values))
     return max(values) - min(values) <= AGREE * unit * tolerance.certain
 
 
@@ -223,8 +242,10 @@ def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
     that the codec counts as deterministic.
     """
     finite = _finite(known)
-    unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0  # a relative tolerance is a share of it
-    if len(known) < 2:
+    unit = 1.0
+    if tolerance.relative and finite:  # a relative tolerance is a share of the mean
+        unit = abs(fmean(finite))
+    if len(known) < 2:  # one seed, so the scatter is unknown
         return unit * tolerance.one_seed
     if chance is None:
         return unit * tolerance.certain
@@ -236,7 +257,10 @@ def smallest_loss(quantity: Quantity, jobs: Sequence[Job], count: int, draws: bo
     `draws`."""
     assert quantity.tolerance is not None, "a deciding quantity has a tolerance"
     values = [quantity.value(job) for job in jobs]
-    chance = scatter(values, values[:count], len(values)) if draws else None  # the first ones in place of new seeds
+    chance = None
+    if draws:
+        in_place_of_new = values[:count]
+        chance = scatter(values, in_place_of_new, len(values))
     return margin(quantity.tolerance, values, chance)
 
 
@@ -247,8 +271,11 @@ def quantile(freedom: float, probability: float) -> float:
     return -float(stdtrit(freedom, probability))
 
 
-def fitted_unlike(base: Job, new: Job) -> str:
-    """Why the fits of two jobs are of different kinds: another version of the codec, or other training data."""
+def why_fits_unlike(base: Job, new: Job) -> str:
+    """Why the fits of two jobs are of different kinds: another version of the codec, or other training data.
+
+    "" if they are of one kind.
+    """
     base_key, new_key = base["fit_key"], new["fit_key"]
     reasons = []
     if base_key["version"] != new_key["version"]:
@@ -260,10 +287,12 @@ def fitted_unlike(base: Job, new: Job) -> str:
     return ", ".join(reasons)
 
 
-def unlike(base: Job, new: Job) -> str:
+def why_unlike(base: Job, new: Job) -> str:
     """Why no numbers of two jobs may be compared (unlike fits, other pairs or another exposure); "" if they may."""
-    fitted = fitted_unlike(base, new)
-    reasons = [fitted] if fitted else []
+    reasons = []
+    reason_of_fits = why_fits_unlike(base, new)  # "" if the fits are of one kind
+    if reason_of_fits:
+        reasons.append(reason_of_fits)
     if base["fit_key"]["training"] == new["fit_key"]["training"]:  # other data have other pairs and exposure as well
         reasons += scored_unlike(base["score_key"], new["score_key"])
     return ", ".join(reasons)
@@ -284,8 +313,8 @@ def _obstacle(quantity: Quantity, base: Job, new: Job, before: Sequence[object],
         return f"{quantity.metric} is not measured any more"
     if base_version != new_version:
         return f"{quantity.metric} version {new_version} instead of {base_version}"
-    missing = None in before or None in after
-    if missing and before != after:  # if both lack the same, nothing got worse
+    is_missing = None in before or None in after
+    if is_missing and before != after:  # if both lack the same, nothing got worse
         return "no finite number"
     return ""
 
@@ -295,7 +324,9 @@ def verdict(loss: float, margin: float) -> Verdict:
     if loss > margin:
         return Verdict.WORSE
     gain = -loss
-    return Verdict.BETTER if gain > margin else Verdict.SAME
+    if gain > margin:
+        return Verdict.BETTER
+    return Verdict.SAME
 
 
 def _spread(values: Values) -> float | None:
@@ -306,4 +337,6 @@ def _spread(values: Values) -> float | None:
     if len(values) < 2:
         return None
     finite = _finite(values)
-    return stdev(finite) if len(finite) > 1 else 0.0
+    if len(finite) < 2:
+        return 0.0
+    return stdev(finite)

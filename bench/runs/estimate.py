@@ -52,7 +52,7 @@ class Estimate:
         self.seconds: defaultdict[str, float] = defaultdict(float)  # by codec, of the jobs that were fitted
         self.steps: defaultdict[str, int] = defaultdict(int)  # of the same jobs
 
-    def ended(self, record: Job, cached: str) -> None:
+    def count_ended(self, record: Job, cached: str) -> None:
         """Count a job that ended, given its record and what was reused for it: "" (nothing), "file" or "record"."""
         name = record["job"]
         now = time.monotonic()
@@ -68,7 +68,7 @@ class Estimate:
         self.last = now
 
     @property
-    def first(self) -> str:
+    def first_message(self) -> str:
         """The message before the run starts, such as `12 jobs, 4 of them recorded: about 20 min left`."""
         jobs = _count_of_jobs(self.total)
         left = len(self.waiting - self.holds)
@@ -79,7 +79,7 @@ class Estimate:
         return f"{jobs}: " + self._and_then(f"{left} left")
 
     @property
-    def left(self) -> str:
+    def time_left(self) -> str:
         """The time left, such as `about 20 min left`; "" after the last job, and while it cannot be told."""
         waiting = self.waiting - self.holds
         if not waiting:
@@ -96,7 +96,7 @@ class Estimate:
     def progress(self) -> str:
         """How many jobs have ended, and the time left: `8 of 12 jobs, about 20 min left`."""
         text = f"{self.total - len(self.waiting)} of {_count_of_jobs(self.total)}"
-        time_left = self.left
+        time_left = self.time_left
         if time_left:
             text += f", {time_left}"
         if not self.waiting:  # the last job has ended

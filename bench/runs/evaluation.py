@@ -101,24 +101,15 @@ def record_of_scores(
 
     Pairs are scored by `threads` threads of PyTorch. `keep` stores scores by slice, angular maps and pictures in files.
     """
-    # Score all pairs, footprints, pictures and frames: what needs answers of the material.
+    # What needs answers of the material: scores of pairs and of footprints, pictures and frames.
     decoder = Slices(workbench, material, show)
-    groups = dict(workbench.groups)
-    decides = deciding_group(workbench.groups)  # "heldout", or "all" if no pairs are held out
-    if decides != "all" and len(workbench.scored) < len(workbench.btf):
-        del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
     with torch_threads(threads):
         scores = workbench.scorer.score(workbench.scored, decoder.slice_with_progress)
         coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.slice, workbench.exposure, COARSE)
         pictures = _pictures(workbench, decoder)
         in_scene = _in_scene(workbench, material)
-    # Means over each group of pairs, and over the pairs that a scene asks for.
-    summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
-    if workbench.scene_shares is not None:
-        summary["scene"] = scoring.weighted(scores, workbench.scene_shares)
-    if workbench.heldout_shares is not None:
-        summary[SCENE_HELDOUT] = scoring.weighted(scores, workbench.heldout_shares)
-    finest = summary[decides]["metrics"][PSNR]
+    summary = _summary_of_groups(workbench, scores)
+    finest = summary[deciding_group(workbench.groups)]["metrics"][PSNR]
     # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
     at_one_texel: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
     # By angle: means in bins of each group of pairs, which are too large for the record, and maps over directions.
@@ -139,7 +130,7 @@ def record_of_scores(
         "metrics": {name: metric_facts(get_metric(name)) for name in workbench.scorer.names},
         "scores": summary,
         "footprints": {"1": at_one_texel} | scoring.summarise_footprints(coarse),
-        "slices": keep(f"slices/{name}.npz", _slices(workbench, scores, coarse)),
+        "slices": keep(f"slices/{name}.npz", _arrays_of_slices(workbench, scores, coarse)),
         "angular": keep(f"angular/{name}.json", angular),
         "pictures": keep(f"pictures/{name}.npz", pictures),
     }
@@ -147,10 +138,24 @@ def record_of_scores(
     if isinstance(material, ProgramMaterial):
         nanoseconds = 1e9 * material.waited / max(1, material.queries)
         record["program"] = {"queries": material.queries, "ns_per_query": nanoseconds}
-    if in_scene:
+    if in_scene is not None:
         record["scene"] = in_scene.quality
         record["frames"] = keep(f"frames/{name}.npz", in_scene.pictures)
     return record
+
+
+def _summary_of_groups(workbench: Workbench, scores: scoring.Scores) -> dict[str, Any]:
+    """The means of scores over each group of pairs, and over the pairs that a scene asks for, by name of the group."""
+    groups = dict(workbench.groups)
+    decides = deciding_group(workbench.groups)  # "heldout", or "all" if no pairs are held out
+    if decides != "all" and len(workbench.scored) < len(workbench.btf):
+        del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
+    summary: dict[str, Any] = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
+    if workbench.scene_shares is not None:
+        summary["scene"] = scoring.weighted(scores, workbench.scene_shares)
+    if workbench.heldout_shares is not None:
+        summary[SCENE_HELDOUT] = scoring.weighted(scores, workbench.heldout_shares)
+    return summary
 
 
 def metric_facts(metric: Metric) -> MetricFacts:
@@ -222,7 +227,9 @@ def _in_scene(workbench: Workbench, material: Material) -> _InScene | None:
     return _InScene(frame_scorer.record(frames), frame_scorer.pictures(frames))
 
 
-def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
+def _arrays_of_slices(
+    workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]
+) -> dict[str, np.ndarray]:
     """The scores of every slice as arrays (n,), and its directions (n, 2) as (θ, φ) in degrees.
 
     `footprint_2` and so on are the errors at larger footprints, which are measured at deciding pairs alone; NaN at

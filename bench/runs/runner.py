@@ -243,16 +243,16 @@ class _Session:
         recorded_jobs = [task.name for task in self.tasks if task.earlier]  # their files exist, so they may still hold
         efforts = {task.name: Effort.of(task.codec) for task in self.tasks}
         estimate = Estimate(efforts, recorded_jobs, min(self.workers.at_once, cores()), self.options.then)
-        self.options.say(estimate.first)
+        self.options.say(estimate.first_message)
         self.options.show("jobs", 0, len(self.tasks))
         for count, outcome in enumerate(self._outcomes(faults), 1):
             if outcome.cached != "record":
                 records.append(self.options.folder, outcome.record)
             if outcome.record["status"] == "ok":
                 self.done[outcome.record["job"]] = outcome.record
-            estimate.ended(outcome.record, outcome.cached)
+            estimate.count_ended(outcome.record, outcome.cached)
             label = "jobs"
-            time_left = estimate.left  # "" while it cannot be told
+            time_left = estimate.time_left  # "" while it cannot be told
             if time_left:
                 label += f"{REMARK}{time_left}"
             self.options.show(label, count, len(self.tasks))

@@ -63,7 +63,7 @@ from bench.timing.turns import KeptTurns
 
 BATCH = 65_536  # whole chunks of every execution
 USUAL_NS = 1000.0  # of a query on a CPU, if no time is known: most codecs take 200 to 5,000
-BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)
+BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)  # sizes of batches that a profile times
 
 
 def run_and_measure(
@@ -139,7 +139,7 @@ def measure(
         "profiles": [],
     }
     for spec in suite.materials:
-        jobs = []
+        jobs = []  # those that have a file
         for job in _jobs_of(run, suite, spec):
             if job["status"] == "ok":
                 jobs.append(job)
@@ -154,16 +154,20 @@ def measure(
                 _add_noise(run, row, show)
         result["choices"] += choices
         if profiles:
-            profiled_jobs = [job for job in jobs if _without_sweep(suite, job)]
-            if not profiled_jobs:  # each entry of the suite is a sweep
-                profiled_jobs = jobs[:1]
-            profiled = {job["label"]: material_of_job(run.folder, job, device) for job in profiled_jobs}
-            result["profiles"] += profile(spec.name, profiled, cores, batches)
+            result["profiles"] += profile(spec.name, _materials_to_profile(suite, run, jobs, device), cores, batches)
     lines: list[str] = []
     for spec in suite.materials:
         lines += answers(spec.name, result["choices"])
     result["answers"] = lines
     return result
+
+
+def _materials_to_profile(suite: Suite, run: Run, jobs: list[Job], device: str) -> dict[str, Material]:
+    """By label, the material of each job whose entry of the suite is no sweep; of the first job, if all are sweeps."""
+    profiled_jobs = [job for job in jobs if _without_sweep(suite, job)]
+    if not profiled_jobs:
+        profiled_jobs = jobs[:1]
+    return {job["label"]: material_of_job(run.folder, job, device) for job in profiled_jobs}
 
 
 def _variants_on(suite: Suite, device: torch.device, emulated: bool) -> tuple[list[str], list[str]]:
@@ -334,16 +338,21 @@ def _choices(
                     measure = partial(_figures_of_variant, workbench, ready, material, suite.threads, show)
                     row |= unfinished.figures_of(key, measure)
             except Exception as error:  # an error in one variant must not lose the figures of the others
-                words = " ".join(str(error).split())
-                if not isinstance(error, InputError):  # an unexpected error
-                    words = f"{type(error).__name__}: {words}"
-                row["error"] = words
+                row["error"] = _on_one_line(error)
             else:
                 timed[len(rows)] = ready
             rows.append(row)
     floor = _add_times(workbench.name, rows, timed, suite.threads, device, ceilings, unfinished, show)
     _mark_fronts([row for row in rows if "error" not in row])
     return [*rows, floor]
+
+
+def _on_one_line(error: Exception) -> str:
+    """An error in words, on one line; of an unexpected one also its class."""
+    words = " ".join(str(error).split())
+    if isinstance(error, InputError):
+        return words
+    return f"{type(error).__name__}: {words}"
 
 
 def _row(job: Job, variant: Variant, device: str) -> TradeChoice:

@@ -136,7 +136,9 @@ def curve_of(
     values = list[float]()
     for place, point in enumerate(points):
         jobs = point.jobs
-        if place and jobs is points[place - 1].jobs:  # the level end of a curve: the same number, not a draw of its own
+        # The level end of a curve is the best rung again: the same number, not a draw of its own.
+        is_level_end = place > 0 and jobs is points[place - 1].jobs
+        if is_level_end:
             values.append(values[-1])
             continue
         if draw is not None and len(jobs) > 1:
@@ -146,12 +148,15 @@ def curve_of(
         if len(measured) < len(jobs):
             return None
         value = fmean(measured)
-        values.append(min(value, CAP_DB) if family == PSNR else value)
+        if family == PSNR:
+            value = min(value, CAP_DB)
+        values.append(value)
     return Curve([point.size for point in points], values)
 
 
 def _mean_of(job: Job, family: str, footprint: str) -> float | None:
-    """The mean of a metric over test slices or, with a footprint, of PSNR over boxes of that side."""
+    """The mean of a metric over test slices or, with a footprint, of PSNR over boxes of that side; None if it was not
+    measured."""
     if footprint:
         return job.get("footprints", {}).get(footprint, {}).get("mean")
     return stats_of(job, family).get("mean")
@@ -212,11 +217,15 @@ def mean_at(
         if surface not in by_surface:
             return None
         curve = curve_of(by_surface[surface], family, footprint=footprint)
-        value = curve.at(bits) if curve else None
+        if curve is None:
+            return None
+        value = curve.at(bits)
         if value is None:
             return None
         values.append(value)
-    return fmean(values) if values else None
+    if not values:
+        return None
+    return fmean(values)
 
 
 def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence[str]) -> dict[str, Reading]:
@@ -234,18 +243,21 @@ def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence
 
 
 def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
-    """As `differences`, of a line without curves: the mean gap of its rungs to the other's curve at their bytes.
+    """By surface: the mean gap in dB of a line's rungs to another line's curve, at their bytes.
 
-    Seeds are not drawn; the number is repeated in place of each draw.
+    It stands for `differences` where the line has no curves, and has its form: seeds are not drawn, so the number is
+    repeated in place of each draw. `anchor` has the points of the other line by surface.
     """
     gaps_on: dict[str, list[float]] = {}  # by surface
     for surface in sorted(anchor):
         curve = curve_of(anchor[surface])
+        if curve is None:
+            continue
         rungs = [rung_of(jobs[surface], {}) for jobs in result.rungs[line].values() if surface in jobs]
         gaps = []
         for rung in rungs:
             ours = capped(mean_test_score(rung, PSNR))
-            theirs = curve.at(rung.size) if curve else None
+            theirs = curve.at(rung.size)  # None where the curve does not reach
             if ours is not None and theirs is not None:
                 gaps.append(ours - theirs)
         if gaps:
@@ -255,13 +267,13 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
 
 def differences(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
     """By surface on which both lines have curves: BD-PSNR of one to the other, then the same for `DRAWS` draws of the
-    seeds of each."""
+    seeds of each. `points` and `anchor` have the points of the two lines by surface."""
     gaps_on: dict[str, list[float]] = {}
     rng = np.random.default_rng(0)
     for surface in sorted(points.keys() & anchor.keys()):
         ours, theirs = points[surface], anchor[surface]
         gap = _difference(ours, theirs)
-        if gap is None:
+        if gap is None:  # their curves share no bytes
             continue
         gaps_of_draws = [gap] * DRAWS  # with one seed there is nothing to draw
         if any(len(point.jobs) > 1 for point in (*ours, *theirs)):
@@ -275,12 +287,16 @@ def _difference(
     ours: Sequence[Point], theirs: Sequence[Point], draw: np.random.Generator | None = None
 ) -> float | None:
     """BD-PSNR of two lists of points; None if they have no curves, or none in common."""
-    first, second = curve_of(ours, PSNR, draw), curve_of(theirs, PSNR, draw)
-    return bd_psnr(first, second) if first and second else None
+    our_curve = curve_of(ours, PSNR, draw)
+    their_curve = curve_of(theirs, PSNR, draw)
+    if our_curve is None or their_curve is None:
+        return None
+    return bd_psnr(our_curve, their_curve)
 
 
 def summarised(by_surface: dict[str, list[float]]) -> Summary:
-    """The summary of `differences`; the interval is of surfaces and seeds drawn with replacement."""
+    """The summary of what `differences` gives by surface; the interval is of surfaces and seeds drawn with
+    replacement."""
     values = np.array(list(by_surface.values()))  # (surfaces, 1 + DRAWS)
     measured, drawn = values[:, 0], values[:, 1:]
     rng = np.random.default_rng(0)

@@ -4,7 +4,7 @@ from statistics import fmean, stdev
 
 import pytest
 
-from bench.compare.comparison import Comparison, _merged
+from bench.compare.comparison import Comparison, _mean_change
 from bench.compare.quantities import DECIBELS, Quantity
 from bench.compare.rows import ComparedRow
 from bench.compare.verdicts import Chance, Change, Verdict
@@ -24,7 +24,7 @@ def change(rng, deviation):
 def test_the_mean_of_rows_scatters_as_it_says(deviations):
     """A plain sum of variances would be too small by a fifth and more: chance decides which rows weigh most."""
     rng = random.Random(0)
-    merged = [_merged([change(rng, each) for each in deviations], every=True) for _ in range(2000)]
+    merged = [_mean_change([change(rng, each) for each in deviations], every=True) for _ in range(2000)]
     variance = fmean(each.difference**2 for each in merged)
     assert fmean(each.chance.error**2 for each in merged) == pytest.approx(variance, rel=0.1)
 
@@ -36,7 +36,7 @@ def test_a_mean_row_shows_plain_means_and_judges_the_weighted_change():
         Change(QUANTITY, 32.08, 32.07, Verdict.SAME, chance=calm),
         Change(QUANTITY, 18.68, 17.68, Verdict.SAME, chance=wild),
     ]
-    merged = _merged(changes, every=False)
+    merged = _mean_change(changes, every=False)
     assert (merged.base, merged.new) == pytest.approx((25.38, 24.875))
     assert -0.05 < merged.difference < -0.01
     assert merged.loss == -merged.difference

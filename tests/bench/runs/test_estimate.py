@@ -23,24 +23,24 @@ def of_one_codec(names):
 def test_after_each_job_it_says_how_long_the_others_take_at_the_mean(clock):
     run = Estimate(of_one_codec("abcd"), "")
     clock[0] = 120
-    run.ended(ended("a"), "")
+    run.count_ended(ended("a"), "")
     assert run.progress == "1 of 4 jobs, about 6 min left"
     clock[0] = 360
-    run.ended(ended("b"), "")
+    run.count_ended(ended("b"), "")
     assert run.progress == "2 of 4 jobs, about 6 min left"
-    run.ended(ended("c"), "")
-    run.ended(ended("d"), "")
-    assert (run.progress, run.left) == ("4 of 4 jobs", "")
+    run.count_ended(ended("c"), "")
+    run.count_ended(ended("d"), "")
+    assert (run.progress, run.time_left) == ("4 of 4 jobs", "")
 
 
 def test_jobs_that_did_nothing_tell_nothing_of_the_others(clock):
     run = Estimate(of_one_codec("abcd"), "a")
     clock[0] = 60
-    run.ended(ended("a"), "record")
-    run.ended(ended("b", "unavailable"), "")
+    run.count_ended(ended("a"), "record")
+    run.count_ended(ended("b", "unavailable"), "")
     assert run.progress == "2 of 4 jobs"
     clock[0] = 120
-    run.ended(ended("c"), "")
+    run.count_ended(ended("c"), "")
     assert run.progress == "3 of 4 jobs, about 1 min left"
 
 
@@ -48,10 +48,10 @@ def test_no_time_is_told_while_a_codec_is_left_that_no_job_has_shown(clock):
     """Linear codecs, which come first, take seconds; of networks that take an hour they tell nothing."""
     run = Estimate({"a": Effort("pca"), "b": Effort("neumip", 1_000), "c": Effort("neumip", 10_000)}, "")
     clock[0] = 2
-    run.ended(ended("a"), "")
+    run.count_ended(ended("a"), "")
     assert run.progress == "1 of 3 jobs"
     clock[0] = 62
-    run.ended(ended("b"), "")
+    run.count_ended(ended("b"), "")
     assert run.progress == "2 of 3 jobs, about 10 min left"
 
 
@@ -59,20 +59,20 @@ def test_jobs_side_by_side_share_the_time(clock):
     run = Estimate(of_one_codec("abcdef"), "", at_once=2)
     for name, now in (("a", 60), ("b", 60), ("c", 120), ("d", 120)):
         clock[0] = now
-        run.ended(ended(name), "")
+        run.count_ended(ended(name), "")
     assert run.progress == "4 of 6 jobs, about 1 min left"
 
 
 def test_what_follows_the_jobs_is_told_until_the_last_has_ended(clock):
     run = Estimate({"a": Effort("pca"), "b": Effort("pca"), "c": Effort("vq")}, "", then="about 2 min of timing")
-    assert run.first == "3 jobs: 3 left, then about 2 min of timing"
+    assert run.first_message == "3 jobs: 3 left, then about 2 min of timing"
     clock[0] = 180
-    run.ended(ended("c"), "")
+    run.count_ended(ended("c"), "")
     assert run.progress == "1 of 3 jobs, then about 2 min of timing"
-    run.ended(ended("a"), "record")
+    run.count_ended(ended("a"), "record")
     run.seconds["pca"], run.steps["pca"] = 180.0, 1
     assert run.progress == "2 of 3 jobs, about 3 min left, then about 2 min of timing"
-    run.ended(ended("b"), "")
+    run.count_ended(ended("b"), "")
     assert run.progress == "3 of 3 jobs"
 
 

@@ -140,7 +140,7 @@ def test_ceilings_are_timed_in_turns_with_the_rest_and_rise_to_what_a_turn_reach
     material = load_codec("mean-colour")()
     decoded = material.decode(material.encode(tiny_btf(12, 6, 6), Fit()), torch.device("cpu"))
     kept = SimpleNamespace(read=lambda arrays: 0, write=lambda *_: None)
-    assert set(trade._timed({"0": decoded}, [slow], 256, lambda *_: None, kept)) >= {"0", timing.FLOOR}
+    assert set(trade._time_in_turns({"0": decoded}, [slow], 256, lambda *_: None, kept)) >= {"0", timing.FLOOR}
     assert slow["flops_per_ns"] > 1
     assert slow["bytes_per_ns"] > 0.1
     assert of_all_cores == ceiling("float32", 1e-6, 1e-6, threads=2)
