@@ -50,15 +50,21 @@ class Figure:
 
     def vector(self, format: str) -> bytes:
         """The figure in the format "svg" or "pdf", of its drawing; the same drawing gives the same bytes."""
-        drawing = self.drawing.layered() if isinstance(self.drawing, Sheet) else self.drawing
-        assert drawing
-        # What Matplotlib would write of itself and of the time. A value of None leaves it out, so that bytes stay the
-        # same.
-        left_out = ("Date", "Creator") if format == "svg" else ("CreationDate", "Creator", "Producer")
-        out = io.BytesIO()
-        with style():
-            drawing.savefig(out, format=format, metadata=dict.fromkeys(left_out))
-        return out.getvalue()
+        assert self.drawing
+        if isinstance(self.drawing, Sheet):
+            with self.drawing.layered() as drawing:
+                return _saved(drawing, format)
+        return _saved(self.drawing, format)
+
+
+def _saved(drawing: Drawing, format: str) -> bytes:
+    """The file of a drawing in the format "svg" or "pdf"; the same drawing gives the same bytes."""
+    # What Matplotlib would write of itself and of the time. A value of None leaves it out, so that bytes stay the same.
+    left_out = ("Date", "Creator") if format == "svg" else ("CreationDate", "Creator", "Producer")
+    out = io.BytesIO()
+    with style():
+        drawing.savefig(out, format=format, metadata=dict.fromkeys(left_out))
+    return out.getvalue()
 
 
 @contextmanager
@@ -164,15 +170,19 @@ class Sheet:
         Image.fromarray(pixels).convert(mode).save(out, "png", compress_level=4)
         return out.getvalue()
 
-    def layered(self) -> Drawing:
-        """The sheet as one drawing: its pictures, unchanged, below its texts.
+    @contextmanager
+    def layered(self) -> Iterator[Drawing]:
+        """Within the `with`, the sheet as one drawing: its pictures, unchanged, below its texts.
 
-        They are added to the sheet's own drawing, so the PNG has to be made before.
+        They lie on the sheet's own drawing only for so long: the next file of it would have them twice.
         """
         axes = self.drawing.add_axes((0, 0, 1, 1), zorder=-1)
         axes.imshow(self.pixels, interpolation="none", aspect="auto")
         axes.set_axis_off()
-        return self.drawing
+        try:
+            yield self.drawing
+        finally:
+            axes.remove()
 
 
 def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:

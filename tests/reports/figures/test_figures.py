@@ -12,6 +12,7 @@ from bench.records import kind_of, load_run
 from reports import figures
 from reports.artefacts import arrays, program
 from reports.figures import contact, latents
+from reports.figures.canvas import Figure, Sheet
 from reports.series import plots_of
 
 
@@ -128,3 +129,15 @@ def test_the_interval_of_several_seeds_holds_those_of_all_in_the_one_series_of_f
         made.timing("pca", job=f"satin/pca/{seed}", ns_per_sample=100.0 + 10 * seed, interval95_ns=interval)
     (plot,) = (plot for plot in plots_of(run_of(made)) if plot["kind"] == "speed")
     assert plot["series"][0]["points"] == [[105.0, 30.0, 90.0, 140.0]]
+
+
+def test_a_sheet_gives_the_same_bytes_each_time_and_in_any_order():
+    sheet = Sheet(40, 30)
+    sheet.picture(5, 5, np.full((10, 20, 3), 90, np.uint8))
+    sheet.text(20, 25, "text")
+    figure = Figure("cloth", "made", "Made", sheet.png(), sheet)
+    first = figure.vector("svg")
+    figure.vector("pdf")
+    assert figure.vector("svg") == first
+    assert first.count(b"<image") == 1
+    assert sheet.png() == figure.png
