@@ -206,7 +206,7 @@ class Attention(nn.Module):
         self.spatial = Circular(2, 1, kernel=7)
 
     def forward(self, x: Tensor, pooled: Pooled) -> Tensor:
-        """The cells (B, C, h, w) plus themselves times both gains; `pooled` is of the whole picture."""
+        """The cells (B, C, h, w) plus themselves times both gains, scaled; `pooled` is of the whole picture."""
         channel_gain = self.perceptron(pooled.total / pooled.cells) + self.perceptron(pooled.peak)  # (B, C)
         y = x * channel_gain.sigmoid()[..., None, None]
         mean_and_peak = torch.cat([y.mean(1, keepdim=True), y.amax(1, keepdim=True)], 1)  # (B, 2, h, w)

@@ -242,29 +242,42 @@ class Published(Guided):
 
     def _losses_of(self, elements: Elements, generator: torch.Generator) -> Tensor:
         """The losses (3,) of elements with windows of one size; their surroundings are left out."""
-        settings, device = self.settings, self.samples.device
-        inner = elements.window.inner().to(device, non_blocking=True)
+        inner = elements.window.inner().to(self.samples.device, non_blocking=True)
         textures = self.encoded(elements.picture)  # (E, D, h, w)
         latents = textures.flatten(2)[..., inner].movedim(1, -1)  # (E, n, D)
-        count, targets, texels, _ = elements.targets.shape
 
-        # Style and spectrum compare whole pictures, at the pairs of the targets: E · targets · n answers.
+        # Style and spectrum compare whole pictures, at the pairs of the targets.
+        rendered, true = self._at_targets(elements, latents)
+        our_pictures = linear_display(pictures(rendered, elements.window.inner_size))
+        true_pictures = linear_display(pictures(true, elements.window.inner_size))
+        if self.settings.texel_pairs:  # the pixels are compared at pairs of their own, and else at those of the targets
+            rendered, true = self._at_texel_pairs(elements, latents, generator)
+        pixel = distance(rendered, true, self.settings.loss)
+        style = self.style(our_pictures, true_pictures, elements.window.whole)
+        return torch.stack([pixel, style, focal_frequency(our_pictures, true_pictures)])
+
+    def _at_targets(self, elements: Elements, latents: Tensor) -> tuple[Tensor, Tensor]:
+        """Log radiance, rendered and true, of elements with latents (E, n, D) at the pairs of their targets.
+
+        Both are (E · targets · n, 3): all texels of a slice, one slice after the other.
+        """
+        _, targets, texels, _ = elements.targets.shape
         repeated = latents[:, None].expand(-1, targets, -1, -1).flatten(0, 2)  # (E · targets · n, D)
         pairs = elements.pairs[:, :, None].expand(-1, -1, texels).flatten()  # (E · targets · n,)
-        rendered = self.answers(repeated, pairs)
-        levels = elements.targets.flatten(0, 2)
-        ours = linear_display(pictures(rendered, elements.window.inner_size))
-        truth = linear_display(pictures(levels, elements.window.inner_size))
+        return self.answers(repeated, pairs), elements.targets.flatten(0, 2)
 
-        if settings.texel_pairs:  # the pixels are compared at pairs of their own, E · n · texel_pairs answers
-            pair_shape = (count, texels, settings.texel_pairs)
-            pairs = torch.randint(self.samples.pairs, pair_shape, generator=generator).to(device, non_blocking=True)
-            levels = self.averaged(elements.texels[:, :, None], elements.weights[:, :, None], pairs).flatten(0, 2)
-            repeated = latents[:, :, None].expand(-1, -1, settings.texel_pairs, -1).flatten(0, 2)
-            rendered = self.answers(repeated, pairs.flatten())
-        pixel = distance(rendered, levels, settings.loss)
-        style = self.style(ours, truth, elements.window.whole)
-        return torch.stack([pixel, style, focal_frequency(ours, truth)])
+    def _at_texel_pairs(self, elements: Elements, latents: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Log radiance, rendered and true, of elements with latents (E, n, D) at pairs drawn for each texel.
+
+        Both are (E · n · texel_pairs, 3).
+        """
+        drawn = self.settings.texel_pairs
+        count, texels, _ = latents.shape
+        pairs = torch.randint(self.samples.pairs, (count, texels, drawn), generator=generator)
+        pairs = pairs.to(self.samples.device, non_blocking=True)
+        true = self.averaged(elements.texels[:, :, None], elements.weights[:, :, None], pairs)  # (E, n, drawn, 3)
+        repeated = latents[:, :, None].expand(-1, -1, drawn, -1).flatten(0, 2)  # (E · n · drawn, D)
+        return self.answers(repeated, pairs.flatten()), true.flatten(0, 2)
 
 
 def slice_means(samples: Samples) -> Tensor:

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 
 from bench.material import sample_texture
 
-LOWEST = 0.2  # cosine of a direction: nearer to the horizon (78.5°) its slope grows no further
+LEAST_COSINE = 0.2  # of a direction: nearer to the horizon (78.5°) its slope grows no further
 FINENESS = 256  # least texels a side of the searched height; a larger height is searched as stored
 # Linear steps, then steps of the secant, of the search along the view; 16 and 2 gain .02 dB on the deepest relief.
 VIEW_STEPS, SECANTS = 12, 1
@@ -37,7 +37,7 @@ BLUR = 0.7  # texels, σ of a Gaussian over the costs
 
 def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
     """Change of uv (n, 2) per unit of height along a ray with `direction` (n, 3), over a picture of `shape` (H, W)."""
-    across = direction[:, :2] / direction[:, 2:].clamp_min(LOWEST)  # in widths of the picture, as heights are
+    across = direction[:, :2] / direction[:, 2:].clamp_min(LEAST_COSINE)  # in widths of the picture, as heights are
     height, width = shape
     if height == width:
         return across
@@ -65,7 +65,7 @@ class Surface(nn.Module):
             self.fine = [*self.shape]
         # A ray is followed over at most this height, so it leaves its place by at most `reach` widths of the picture.
         rise = max(self.high - self.low, abs(self.low), abs(self.high))
-        reach = rise / LOWEST
+        reach = rise / LEAST_COSINE
         rows, cols = self.fine
         reach_in_rows = int(reach * (self.shape[1] / self.shape[0]) * rows)
         reach_in_cols = int(reach * cols)
@@ -209,9 +209,12 @@ def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     widths of the picture; and the height (H, W) as read back from both.
     """
     low, high = height.aminmax()
-    # Steps that a look-up hardly shows, or larger ones if those would be more than `MOST_CODES`.
-    fine_step = height.new_tensor(STEP * LOWEST / height.shape[1])
-    step = torch.maximum(fine_step, (high - low) / (MOST_CODES - 2))
+    # At the steepest slope, 1 / `LEAST_COSINE`, such a step moves a look-up by `STEP` texels, which hardly shows.
+    fine_step = height.new_tensor(STEP * LEAST_COSINE / height.shape[1])
+    # Larger ones if there would be more than `MOST_CODES`. A range of n steps takes up to n + 2 codes, because both of
+    # its ends are rounded, and both are codes.
+    coarse_step = (high - low) / (MOST_CODES - 2)
+    step = torch.maximum(fine_step, coarse_step)
     codes = (height / step).round()  # steps from height 0, below 0 too
     lowest_code = codes.min()
     codes = codes - lowest_code

@@ -80,7 +80,7 @@ def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
 
 
 def missing_network(codec: str, path: Path | None = None) -> MissingDataError:
-    """The message for a shared network that is missing at `path`, or at its default place."""
+    """The error, to be raised, for a shared network that is missing at `path`, or at its default place."""
     if path is None:
         path = place(codec)
     return MissingDataError(

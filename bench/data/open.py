@@ -48,7 +48,7 @@ def open_material(
     kind_notes: dict[str, object] = {}
     if kind.surface:
         kind_notes["surface"] = kind.surface
-    if kind.free is not None:
+    if kind.free is not None:  # whether pictures of the surface may be published
         kind_notes["free"] = kind.free
     if not kind_notes:
         return btf

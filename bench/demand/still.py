@@ -93,7 +93,7 @@ def render(
         # Each ray that meets the surface adds its share to the pixel's alpha, of all sides alike.
         pictures[..., 3] += np.bincount(pixel[points.pixel], minlength=height * width) / rays**2
         queries: dict[str, Any] = queries_of(points, caster.lights(points, rng))
-        queries["pixel"] = pixel[queries["pixel"]].astype(np.int32)
+        queries["pixel"] = pixel[queries["pixel"]].astype(np.int32)  # so far it was the number of the ray
         demand = Demand(**queries, frames=(1, height, width))
         for side, answers in enumerate(sides):
             if len(demand):

@@ -60,7 +60,7 @@ def get(name: str) -> Metric:
     """
     metric, variable = _metric_and_parts(name)
     ppd = variable.get("ppd")
-    periodic = bool(variable.get("ending"))
+    periodic = bool(variable.get("ending"))  # the only ending is the one of a periodic variant
     options: dict[str, Any] = {}
     if ppd and ppd != "67":  # 67 stands for 67.0206, the default of the class
         options["ppd"] = float(ppd)

@@ -149,7 +149,8 @@ class Processes(Executor):
         self.gpus = gpus
         self.limit = limit
         self.show: Show | None = None
-        # By seat, the place of a worker: its pool of one process, its leash, and the pipe that it tells progress into.
+        # By seat, the place of a worker: its pool of one process, its leash, and the pipe that it tells progress into,
+        # which is closed here as soon as the process has its own copy.
         self.pools: dict[int, tuple[ProcessPoolExecutor, Connection, Connection]] = {}
         self.watchers = ThreadPoolExecutor(count)
         self.free: queue.SimpleQueue[int] = queue.SimpleQueue()  # seats without a job

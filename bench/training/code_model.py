@@ -26,7 +26,7 @@ LAG = 4  # steps from a channel to the next: its nine neighbours are known by th
 OWN = [(0, -1), (-1, 0), (-1, -1), (-1, 1), (0, -2), (-2, 0)]  # (rows, columns) from a code to those of its channel
 AROUND = [(0, 0), (0, -1), (-1, 0), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)]  # and of an earlier one
 MOST_TERMS = 15  # of a prediction
-BACK = (255 - len(OWN)) // len(AROUND)  # channels that a term can reach back
+MOST_BACK = (255 - len(OWN)) // len(AROUND)  # channels that a term can reach back, because its number is a byte
 ONE = 64  # the fixed point of weights, predictions and activity
 SHAPES = (2, 4, 8, 64)  # degrees of freedom; all even, so that the distribution has a closed form
 FINE, REACH = 1024, 1 << 14  # entries of its table for a scale, and to each side
@@ -188,7 +188,7 @@ class CodeModel:
             body = np.frombuffer(data[place + HEAD : place + HEAD + 2 * count], np.int8)
             read = body[:count].view(np.uint8).tolist()
             weights = body[count:].tolist()
-            readable = len(OWN) + len(AROUND) * min(channel, BACK)
+            readable = len(OWN) + len(AROUND) * min(channel, MOST_BACK)
             # A spread from 128 on would give an exponent over 15, which no error needs.
             sound = count <= MOST_TERMS and len(body) == 2 * count and spread < 128 and shape < len(SHAPES)
             if not sound or max(read, default=0) >= readable:

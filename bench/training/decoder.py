@@ -146,7 +146,7 @@ class Decoder(Network):
                 omega = self.architecture.omega
                 if omega != 1:
                     x = x.mul_(omega) if in_place else x * omega
-                    x = saturated(x)
+                    x = saturated(x)  # halves may overflow by the factor
                 return x.sin_() if in_place else x.sin()
             case "leaky-relu":
                 return functional.leaky_relu(x, LEAK, inplace=in_place)

@@ -36,7 +36,8 @@ class DisplayLoss(nn.Module):
     def forward(self, ours: Tensor, target: Tensor, direction: Tensor, both: Tensor, progress: float) -> Tensor:
         """The loss of log radiances `ours` (n, 3) against their `target` (n, 3) at directions (n,).
 
-        `both` is their loss of that name, which counts alone in the first half of a fit; `progress` is 0 to 1.
+        `both` is their mean loss of that name (`fitting.distance`), which counts alone in the first half of a fit;
+        `progress` is the share of the fit that is done, 0 to 1.
         """
         error = (displayed(ours) - displayed(target)).square().mean(1)
         with torch.no_grad():

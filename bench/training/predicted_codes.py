@@ -31,7 +31,7 @@ Step = Callable[[Ints, Ints, Curve], Ints]  # the codes (n,) of texels and chann
 Floats = NDArray[np.float64]
 
 FITTED = 1 << 13  # texels of a larger texture that choose
-BACK = 16  # channels that terms reach back
+TRIED_BACK = 16  # channels before a channel, whose codes are tried as its terms; a file could have `MOST_BACK`
 COST = 17.0  # bits of a term
 NUDGE = 1e-6  # of a variance, so that terms that are alike can be told apart
 FIRST = 8, 4, 4, 2  # the mixture where the search starts
@@ -214,29 +214,39 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
 
 
 def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canvas: Canvas) -> list[tuple[int, int]]:
-    """What a channel of `count` codes reads, and its weights: each term saves more bits than it takes.
+    """Choose the terms that predict a channel of `count` codes: pairs of a term's number and its weight.
 
-    `values` are the planes of all channels, `cell` (n,) the places in them that choose, `step` the value from a code of
-    the channel to the next.
+    A term is one neighbour of a code, in its channel or an earlier one; the code is predicted as the weighted sum of
+    its terms. They are chosen one at a time (forward selection, by least squares): always the one that explains most,
+    until the next would save fewer bits than it takes.
+
+    `values` are the planes of all channels, `cell` (n,) the places in them of the texels that choose, `step` the value
+    from a code of the channel to the next.
     """
-    candidates = np.arange(len(OWN) + len(AROUND) * min(channel, BACK))
-    offsets = np.array([canvas.offset(int(term)) for term in candidates])
-    near = values[cell[:, None] + offsets].astype(np.float64)  # (n, terms)
+    candidates = np.arange(len(OWN) + len(AROUND) * min(channel, TRIED_BACK))
+    offsets = np.array([canvas.offset(int(term)) for term in candidates])  # from a place to its neighbour's
+    near = values[cell[:, None] + offsets].astype(np.float64)  # (n, candidates)
     wanted = values[cell].astype(np.float64)  # (n,)
     # The normal equations of least squares, and the squared error that is left.
-    inner = near.T @ near
-    outer = near.T @ wanted
+    inner = near.T @ near  # (candidates, candidates)
+    outer = near.T @ wanted  # (candidates,)
     left = float(wanted @ wanted)
     inner += np.diag(NUDGE * (inner.diagonal() + len(cell)))
     floor = len(cell) * step**2 / 12  # the squared error of codes alone: below it, better guesses save nothing
     chosen: list[int] = []
     weights = np.zeros(0)
     while len(chosen) < MOST_TERMS:
-        # What each term would still explain, by the part of it that the chosen ones do not explain.
-        both = inner[chosen]
-        solved = np.linalg.solve(both[:, chosen], both) if chosen else both
-        unexplained = np.maximum(inner.diagonal() - (both * solved).sum(0), 1e-3 * len(cell))
-        gain = np.square(outer - solved.T @ outer[chosen]) / unexplained
+        if chosen:
+            # Of each candidate and of what is wanted only that counts which the chosen terms do not explain.
+            by_chosen = inner[chosen]  # (chosen, candidates)
+            solved = np.linalg.solve(by_chosen[:, chosen], by_chosen)  # each candidate as a sum of the chosen terms
+            new_part = inner.diagonal() - (by_chosen * solved).sum(0)  # (candidates,), squared
+            new_outer = outer - solved.T @ outer[chosen]
+        else:
+            new_part = inner.diagonal()
+            new_outer = outer
+        # By how much each candidate would lower the squared error.
+        gain = np.square(new_outer) / np.maximum(new_part, 1e-3 * len(cell))
         gain[chosen] = 0
         best = int(gain.argmax())
         # A code takes log2 of its deviation in bits and a constant, so half of log2 of the ratio of squared errors.

@@ -148,9 +148,12 @@ def _added_errors(
 def round_after(
     texture: Tensor, bits: int, answers: Callable[[Tensor], Tensor], target: Tensor, least: int = 1
 ) -> Rounding:
-    """The rounding of a finished texture (…, C); `answers(texture)` should be `target`."""
+    """The rounding of a finished texture (…, C) to `bits` a channel in the mean, and at least `least` in each.
+
+    Which channel gets how many is chosen so that `answers(texture)` stays near the `target`.
+    """
     rounding = Rounding(texture.shape[-1], bits, least).to(texture.device)
-    choose_bits([rounding], lambda: answers(rounding(texture)), target)
+    choose_bits([rounding], lambda: answers(rounding(texture)), target)  # changes the rounding
     return rounding
 
 
@@ -197,7 +200,8 @@ def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least:
     """
     bits = torch.full((len(noise),), least)
     while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):
-        added = noise.gather(1, bits[:, None] - least)[:, 0]  # (C,): with the bits so far, each channel's column
+        column = bits - least  # (C,): column i of `noise` is of `least` + i bits
+        added = noise.gather(1, column[:, None])[:, 0]  # (C,): what each channel adds with its bits so far
         if added.sum() <= bearable:
             break
         worth = torch.where(bits < MOST_BITS, added / sizes, -torch.inf)

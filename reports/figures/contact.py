@@ -180,7 +180,8 @@ def _label(sheet: Sheet, text: str, middle: float) -> None:
 def flip_scale(sheet: Sheet, left: int, middle: int, width: int) -> None:
     """Draw the colours of a FLIP map from 0 to 1, at the place of the truth's missing FLIP map.
 
-    `left`, `middle` and `width` are those of this place, in pixels. `reports.figures.pairs` draws it, too.
+    `left`, `middle` and `width` are those of this place, in pixels; the colours hang from its middle, with their title
+    above and the numbers below. `reports.figures.pairs` draws it, too.
     """
     ramp = np.broadcast_to(np.linspace(0, 1, width), (_RAMP, width))
     sheet.picture(left, middle, coloured(ramp, "magma", Normalize(0, 1)))

@@ -91,7 +91,10 @@ def _add(run: Path, file: Path) -> int:
     """Add the records of a run to a file, where they replace those of the same jobs; returns the exit code."""
     if file.suffix != ".jsonl":
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
-    whole = load_together([file, run] if file.exists() else [run])
+    sources = [run]
+    if file.exists():
+        sources = [file, run]  # of jobs that both have, those of the later source count
+    whole = load_together(sources)
     text = published(whole)
     with writable(file, "choose another FILE"):
         write(file, text.encode())

@@ -130,7 +130,10 @@ def mean_squares(encoded: Encoded, ours: Array) -> dict[str, tuple[float, float]
 
 def quality(encoded: Encoded, ours: Array) -> dict[str, float]:
     """By space, the PSNR in dB of slices (N, H, W, 3)."""
-    return {space: float(psnr(mse / peak, 1.0)) for space, (mse, peak) in mean_squares(encoded, ours).items()}
+    reached = {}
+    for space, (mse, squared_peak) in mean_squares(encoded, ours).items():
+        reached[space] = float(psnr(mse / squared_peak, 1.0))
+    return reached
 
 
 def sound(encoded: Encoded) -> None:
@@ -157,9 +160,9 @@ def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
     """Measure the error as a share of the allowed error in each space; raise `CheckError` if it is larger."""
     sound(encoded)
     used = 0.0
-    for space, (mse, peak) in mean_squares(encoded, encoded.decoded).items():
-        reached = float(psnr(mse / peak, 1.0))
-        required = float(psnr(allowed[space] / peak, 1.0))
+    for space, (mse, squared_peak) in mean_squares(encoded, encoded.decoded).items():
+        reached = float(psnr(mse / squared_peak, 1.0))
+        required = float(psnr(allowed[space] / squared_peak, 1.0))
         detail = f"{space} PSNR {reached:.2f} dB, required {required:.2f} dB"
         require(mse <= allowed[space], f"{reached:.1f} dB", detail)
         used = max(used, mse / allowed[space])

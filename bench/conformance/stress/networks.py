@@ -6,6 +6,7 @@ These changes apply to any decoder: to the tensors of its file, and to the linea
 import dataclasses
 from collections.abc import Callable
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -19,6 +20,8 @@ from bench.material import HALF_MAX, Material
 from bench.metrics.display import display_error, exposure_of
 from bench.metrics.psnr import psnr
 from bench.training.decoder import Decoder
+
+Kind = TypeVar("Kind", bound=nn.Module)
 
 SHORT_FLOATS = {"fp16": torch.float16, "bf16": torch.bfloat16}
 ARGUMENT = 1e5  # of sines: far beyond any that a network reaches
@@ -48,9 +51,9 @@ def largest_weights(subject: Subject) -> Material:
     return subject.decode(dataclasses.replace(subject.parts, decoder=stored | floats))
 
 
-def of_kind(material: Material, kind: type) -> list[nn.Module]:
-    """Every layer of a kind in the networks of a material."""
-    layers: list[nn.Module] = []
+def of_kind(material: Material, kind: type[Kind]) -> list[Kind]:
+    """Every module of a kind, such as `nn.Linear`, in the networks of a material."""
+    layers: list[Kind] = []
     for network in material.modules():
         layers += [layer for layer in network.modules() if isinstance(layer, kind)]
     return layers
@@ -62,7 +65,6 @@ def constant_vector(subject: Subject) -> Material:
     material = subject.decode(subject.parts)
     applicable(of_kind(material, nn.LayerNorm), "has no layer norm")
     for layer in of_kind(material, nn.Linear):
-        assert isinstance(layer, nn.Linear)
         layer.weight.zero_()
         layer.bias.fill_(0.7)  # any number but 0
     return material
@@ -70,18 +72,19 @@ def constant_vector(subject: Subject) -> Material:
 
 @torch.no_grad()
 def large_arguments(subject: Subject) -> Material:
-    """Sines of arguments up to ±1e5, through the gain of the layer norm or the bias before them."""
+    """Sines of arguments up to ±1e5, through the bias of the layer right before them: a layer norm, or else linear."""
     material = subject.decode(subject.parts)
-    sines = []
-    for decoder in of_kind(material, Decoder):
-        if isinstance(decoder, Decoder) and decoder.architecture.activation == "sine":
-            sines.append(decoder)
-    applicable(sines, "has no sine")
-    for network in sines:
-        before_sines = network.layers[:-1] if network.norms is None else network.norms
+    decoders = [decoder for decoder in of_kind(material, Decoder) if decoder.architecture.activation == "sine"]
+    applicable(decoders, "has no sine")
+    for decoder in decoders:
+        if decoder.norms is not None:
+            before_sines = decoder.norms
+        else:
+            before_sines = decoder.layers[:-1]  # no sine follows the last layer
+        largest_bias = ARGUMENT / decoder.architecture.omega  # a sine's argument is ω times its input
         for layer in before_sines:
             bias = layer.get_parameter("bias")
-            bias.copy_(torch.linspace(-1, 1, len(bias)) * ARGUMENT / network.architecture.omega)
+            bias.copy_(torch.linspace(-1, 1, len(bias)) * largest_bias)
     return material
 
 

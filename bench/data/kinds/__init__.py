@@ -25,11 +25,20 @@ LoadTracer = Callable[[], "PathTracer"]  # imports Mitsuba, so it is called only
 OTHERWISE = "measured"  # the module of the kind of all surfaces that no other kind knows
 
 # Keys of settings that only rendered surfaces have, and only measured ones: key → what a user can do instead.
-OF_RENDERED = dict.fromkeys(("data.views", "data.lights"), "give data.pairs")
-OF_RENDERED |= {"data.size": "give data.texels", "data.directions": "leave it out"}
-OF_RENDERED |= {"data.heldout": "whole views and lights are held out", "data.renderer": "leave it out"}
-OF_MEASURED = {"data.texels": "give data.size", "data.pairs": "give data.views and data.lights"}
-OF_MEASURED |= {"data.angles": "leave it out", "data.repair": "leave it out"}
+OF_RENDERED = {
+    "data.views": "give data.pairs",
+    "data.lights": "give data.pairs",
+    "data.size": "give data.texels",
+    "data.directions": "leave it out",
+    "data.heldout": "whole views and lights are held out",
+    "data.renderer": "leave it out",
+}
+OF_MEASURED = {
+    "data.texels": "give data.size",
+    "data.pairs": "give data.views and data.lights",
+    "data.angles": "leave it out",
+    "data.repair": "leave it out",
+}
 
 
 class Kind(ABC):

@@ -281,6 +281,7 @@ class Leather:
         # Both distances are equal on a border, so their difference grows from 0 there.
         inside = np.clip((second - nearest) * cells / crease, 0, 1)
         rounded = np.sqrt(1 - (1 - inside) ** 2)
+        # Softens the sharp bottoms of the creases.
         return gaussian_filter(rounded, 0.007 * self.resolution, mode="wrap")
 
 

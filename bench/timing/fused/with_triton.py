@@ -176,7 +176,7 @@ class TritonNetwork(Network):
         for layer, (rows, columns) in zip(layers, pairwise(sides), strict=True):
             weights.append(_matrix(layer.weight.T, rows, columns))
         *hidden, end = layers
-        scalars = [_scalars(layer, width) for layer in hidden]
+        scalars = [_scalars(layer, width) for layer in hidden]  # of each layer biases, gains and offsets
         scalars.append(_matrix(end.bias[None], 1, last))
         self.weights = torch.nn.Parameter(torch.cat(weights).to(parameter), requires_grad=False)
         self.scalars = torch.nn.Parameter(torch.cat(scalars).to(parameter.device), requires_grad=False)
@@ -185,12 +185,22 @@ class TritonNetwork(Network):
         norm = layers[0].norm  # all hidden layers have one, with one `eps`, or none has
         used = len(layers[0].bias)  # the width without padding
         activation = architecture.activation
-        parabola = PARABOLA if activation == "smelu" else 0.0
-        self.options: dict[str, Any] = {"USED": used, "LAYERS": len(hidden), "NORM": norm is not None}
-        self.options |= {"ACTIVATION": activation, "RESIDUAL": architecture.residual}
-        self.options |= {"SLOPE": 0.0 if activation == "relu" else LEAK, "BEND": BEND, "PARABOLA": parabola}
-        self.options |= {"PRECISION": "tf32" if tf32 else _exact(parameter), "WIDEN": not is_gpu(parameter.device)}
-        self.options |= {f"C{i}": c for i, c in enumerate(sine_of_turns())}
+        # What the kernel is compiled for; see `_network`.
+        self.options: dict[str, Any] = {
+            "USED": used,
+            "LAYERS": len(hidden),
+            "NORM": norm is not None,
+            "ACTIVATION": activation,
+            "RESIDUAL": architecture.residual,
+            # Of an activation with a kink, see `_rectified`.
+            "SLOPE": 0.0 if activation == "relu" else LEAK,
+            "BEND": BEND,
+            "PARABOLA": PARABOLA if activation == "smelu" else 0.0,
+            "PRECISION": "tf32" if tf32 else _exact(parameter),
+            "WIDEN": not is_gpu(parameter.device),  # on a processor the kernel is interpreted, see `_product`
+        }
+        for number, coefficient in enumerate(sine_of_turns()):  # of the polynomial in place of the sine
+            self.options[f"C{number}"] = coefficient
         self.eps = norm.eps if norm else 0.0
 
     def forward(self, inputs: Tensor) -> Tensor:
