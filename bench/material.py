@@ -45,7 +45,7 @@ class DecoderCost:
 
 
 class Material:
-    """A decoded material. A codec writes `evaluate`; everything else is final.
+    """A decoded material. A codec writes `evaluate`, and `maps` or `at_one_texel` if it has them; the rest is final.
 
     `size` is (H, W), the resolution that `slice` answers at. Tensors and networks that `evaluate` uses are
     attributes, so that `to` and `modules` find them.
@@ -85,7 +85,8 @@ class Material:
     def maps(self) -> tuple[dict[str, np.ndarray], float]:
         """PBR pictures by name, if the codec stores any, and a factor on the radiance that they reflect.
 
-        A picture is uint8 (H, W) or (H, W, 3), row 0 on top.
+        A picture is uint8 (H, W) or (H, W, 3), row 0 on top. Names are those that renderers use: `BaseColor` (sRGB),
+        `NormalGL` (−1 to 1 as 0 to 255, y up), `Roughness` and `Metalness`.
         """
         return {}, 1.0
 

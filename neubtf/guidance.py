@@ -181,7 +181,11 @@ def _steps(picture: Array, axis: int) -> Array:
 
 
 def _seam(steps: Array) -> Seam:
-    """The seam of the differences of `_steps`, the last of which crosses the border; see `seam_of`."""
+    """The seam of differences (n,) of rows or columns from the next, the last of which crosses the border.
+
+    The autoencoder has one cell for `STRIDE` texels, so differences are larger from one cell to the next than inside
+    one. A border lies between two cells, and is compared with others that do.
+    """
     across_border = steps[-1]
     between_cells = steps[STRIDE - 1 : -1 : STRIDE]  # from the last texel of a cell to the first of the next
     if not between_cells.any():

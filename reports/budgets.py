@@ -135,9 +135,9 @@ def _column(result: Budgets, points: Points, budget: Budget, surfaces: Sequence[
     """
     if budget.kind == BYTES:
         return readings(result, points, budget, surfaces)
-    # A rung within a time is the best that is known, not a lower bound as at a size: `off_curves` leaves out the “≥”.
+    # No curve leads from one time to another, so the best rung within a time is the codec's own value, not a bound.
     ranked = result.ranked(budget, surfaces)
-    return {line: Reading(value, off_curves=True) for line, value in ranked.items()}
+    return {line: Reading(value, lower_bound=False) for line, value in ranked.items()}
 
 
 def _sort_key(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list[float]:
@@ -160,7 +160,7 @@ def _reading_cell(reading: Reading | None) -> str:
     if reading is None:
         return NONE
     number = _number(reading.value, digits=1)  # PSNR in dB
-    return number if reading.off_curves else f"≥{number}"
+    return f"≥{number}" if reading.lower_bound else number
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:

@@ -113,7 +113,7 @@ def run_notes(run: Run) -> list[str]:
     return notes
 
 
-def _metrics(material: MaterialRows) -> Iterator[str]:
+def _metrics(material: MaterialRows) -> Iterator[Note]:
     """One note, if there are metrics: the full name of each, its version, unit, space and better end.
 
     It has a part for each metric, about the columns that show it.
@@ -300,8 +300,10 @@ def beside(run: Run) -> str:
 def left_out_notes(run: Run) -> Iterator[str]:
     """Notes on codecs and materials whose numbers, or times, cannot be compared, and why.
 
-    They must agree with the newest jobs or, if there are any, with the published ones. A row whose numbers are left out
-    is not named for its time, too.
+    Rows are comparable if they agree with the newest jobs or, if there are any, with the published ones. An *obstacle*
+    is the reason why a row does not: why none of its numbers can be compared, or only not its time. A time of another
+    start of the run is shown all the same, with a star. A row whose numbers are left out is not named for its time,
+    too.
     """
     # Each by reason: the materials and labels.
     left_out: dict[str, list[tuple[str, str]]] = {}
@@ -312,7 +314,7 @@ def left_out_notes(run: Run) -> Iterator[str]:
             cell = material.name, row.label
             if row.obstacle:
                 left_out.setdefault(row.obstacle, []).append(cell)
-            elif row.timed_apart:
+            elif row.timed_apart:  # in another start of the run
                 with_star.setdefault(row.timing_obstacle, []).append(cell)
             elif row.timing_obstacle:
                 times_left_out.setdefault(row.timing_obstacle, []).append(cell)

@@ -318,7 +318,9 @@ _FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox
 def label(table: Table) -> str:
     """The label of a table for `\\ref`, such as `tab:main-satin`: its kind and its title, without what the title has in
     brackets, in lower-case letters, digits and hyphens."""
-    # A letter with an accent becomes two characters, of which the accent is left out below.
-    title = unicodedata.normalize("NFKD", table.title.partition(" (")[0])
-    words = re.findall("[A-Za-z0-9]+", title)
+    title = table.title.partition(" (")[0]
+    # A letter with an accent becomes two characters, of which the second, the accent, is left out.
+    characters = unicodedata.normalize("NFKD", title)
+    plain = "".join(character for character in characters if not unicodedata.combining(character))
+    words = re.findall("[A-Za-z0-9]+", plain)
     return "-".join([f"tab:{table.kind}", *words]).lower()

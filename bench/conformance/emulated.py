@@ -192,10 +192,11 @@ class _Operands:
         """`op` is an operation of PyTorch, one overload of it."""
         self.op = op
         self.name = op._schema.name
-        self.lowered_tensors: dict[
-            int, tuple[Tensor, Tensor]
-        ] = {}  # by the id of the CPU's tensor: it, and the device's
-        self.storages: dict[int, Any] = {}  # of the device, by the address of the CPU's
+        # By the id of a tensor of the CPU that the operation is given: this tensor, and the device's that it stands
+        # for.
+        self.lowered_tensors: dict[int, tuple[Tensor, Tensor]] = {}
+        # By the address of a storage of the CPU (`_cdata`): the device's storage over the same memory.
+        self.storages: dict[int, Any] = {}
 
     def lowered(self, value: Any, position: int = -1) -> Any:
         """An argument as the CPU takes it; `position` is its place among those without a name, −1 for one with a name.
@@ -223,9 +224,11 @@ class _Operands:
         """A result of the CPU as a tensor of the device: the one that was given, if it was written in place."""
         if not isinstance(value, Tensor):
             return value
-        if id(value) not in self.lowered_tensors:
-            return _device(value, self.storages.get(value.untyped_storage()._cdata))
-        host, ours = self.lowered_tensors[id(value)]  # written in place
+        if id(value) not in self.lowered_tensors:  # a new tensor
+            # If it is a view of an argument, it shares the device's storage, too; else it gets a storage of its own.
+            storage = self.storages.get(value.untyped_storage()._cdata)
+            return _device(value, storage)
+        host, ours = self.lowered_tensors[id(value)]  # an argument, written in place
         same_size = ours.shape == host.shape and ours.untyped_storage().nbytes() == host.untyped_storage().nbytes()
         if same_size:
             return ours

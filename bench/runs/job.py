@@ -344,17 +344,23 @@ def _raise_where_no_job_can_help(error: BaseException) -> None:
     """Raise `InputError` if a disk is full or may not be written: each further job would fail alike."""
     if not isinstance(error, OSError):
         return
-    hopeless = error.errno in NO_PLACE  # a full disk, an exhausted quota, a disk that is read only
-    if error.errno in (errno.EACCES, errno.EPERM):  # a cache that may not be written is needed by every job
-        hopeless = Path(str(error.filename)).is_relative_to(atomic.cache_dir())
-    if hopeless:
-        place = ""
-        if error.filename:
-            place = f"{error.filename}: "
+    place = ""
+    if error.filename:
+        place = f"{error.filename}: "
+    if error.errno == errno.EROFS:  # a disk that is read only
+        remedy = "choose another $NEUBTF_CACHE or --out"
+    elif error.errno in NO_PLACE:  # a full disk, an exhausted quota
         remedy = "make room"
-        if error.errno == errno.EROFS:  # a disk that is read only
-            remedy = "choose another $NEUBTF_CACHE or --out"
-        raise InputError(
-            f"{place}cannot be written on {platform.node()} ({error.strerror}): {remedy}, then give the same command "
-            "again: finished jobs are kept"
-        ) from error
+    elif error.errno in (errno.EACCES, errno.EPERM) and _is_in_cache(error.filename):  # every job needs the cache
+        remedy = "mend its permissions, or choose another $NEUBTF_CACHE"
+    else:
+        return
+    raise InputError(
+        f"{place}cannot be written on {platform.node()} ({error.strerror}): {remedy}, then give the same command "
+        "again: finished jobs are kept"
+    ) from error
+
+
+def _is_in_cache(name: Any) -> bool:
+    """Whether the file that an `OSError` names lies in the cache; False if it names none, or a descriptor's number."""
+    return isinstance(name, str) and Path(name).is_relative_to(atomic.cache_dir())

@@ -153,7 +153,8 @@ class _Reader:
         state = self.state[: len(curve.start)]
         slot = state & (TOTAL - 1)  # the low 16 bits
         code = np.zeros_like(slot)
-        # The largest code whose share begins at the slot or below it, bit by bit from the highest.
+        # The largest code whose share begins at the slot or below it, bit by bit from the highest. No code tried here
+        # is 0, and those above the last are left out, so the faster `inside` does for `below`.
         for bit in reversed(range(self.most)):
             tried = code + (1 << bit)
             up = curve.inside(tried) <= slot
@@ -161,7 +162,8 @@ class _Reader:
                 up &= tried < curve.codes
             code += up * (1 << bit)
         below, above = curve.below(code), curve.below(code + 1)
-        state = (above - below) * (state >> 16) + slot - below  # undoes the encoder's step
+        # Undoes the step of `encode`, which made of a state s: TOTAL · (s // share) + s % share + below.
+        state = (above - below) * (state >> 16) + slot - below
         empty = state < TOTAL  # those that handed on 16 bits
         end = self.taken + int(empty.sum())
         if end > len(self.words):

@@ -67,8 +67,10 @@ class Samples:
     def levels(cls, btf: BTF, count: int, gain: float, fit: Fit) -> "list[Samples]":
         """The samples of the BTF at each of `count` levels of detail, box-filtered over 2^level texels, finest first.
 
-        If the finest does not fit into memory, the others hold `COARSE_PAIRS` random pairs: all would take minutes.
+        If the finest does not fit into memory, the others hold `COARSE_PAIRS` random pairs: all would take minutes. In
+        a fit to a scene they hold all, because its density is of all pairs.
         """
+        # A limit of 0: no table is filled yet. Below all of them are filled in one pass over the BTF.
         finest = cls(btf, gain, fit, memory_limit=0)
         if finest.table_bytes > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
             shuffled = torch.randperm(len(btf), generator=fit.generator())

@@ -114,16 +114,20 @@ class Writer(Backend):
         return str(int(value)) if kind == "int" else literal(float(value))
 
     def vector(self, four: list[Any]) -> str:
-        """Up to four floats as one vector; its name if they already form one, as `t7.x`, `t7.y`, `t7.z`, `t7.w` do."""
-        head = str(four[0]).split(".")[0]  # `t7`, if they may form one
+        """Up to four floats, numbers or names, as one vector; missing ones are as the last.
+
+        `t7.x`, `t7.y`, `t7.z`, `t7.w` already form a vector, and give its name, `t7`.
+        """
         # Fewer than all four of its floats do not stand for a vector: the others may be NaN.
-        if head.isidentifier() and four == [f"{head}.{c}" for c in SWIZZLE]:
-            return head
+        before_dot = str(four[0]).split(".")[0]  # `t7` of `t7.x`; no name if the first float is a number
+        is_name = before_dot.isidentifier()
+        if is_name and four == [f"{before_dot}.{c}" for c in SWIZZLE]:
+            return before_dot
         texts = [self.scalar(x, "float") for x in four]
-        texts += texts[-1:] * (4 - len(texts))  # repeat the last float: 0 would not do, because it may be a divisor
-        if (
-            len(set(texts)) == 1 and self.dialect.name != "hlsl"
-        ):  # elsewhere one float makes a vector of four equal ones
+        while len(texts) < 4:
+            texts.append(texts[-1])  # not 0, because it may be a divisor
+        all_equal = len(set(texts)) == 1
+        if all_equal and self.dialect.name != "hlsl":  # elsewhere one float makes a vector of four equal ones
             texts = texts[:1]
         return f"{self.dialect.vec4}({', '.join(texts)})"
 

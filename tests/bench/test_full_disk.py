@@ -72,5 +72,7 @@ def test_a_full_cache_is_no_failure_of_a_job_and_the_same_command_goes_on(tmp_pa
     with monkeypatch.context() as closed:
         closed.setattr(job, "open_workbench", denied)
         assert cli.main(words) == 2
-    assert "a.npy: cannot be written" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "a.npy: cannot be written" in said
+    assert "mend its permissions" in said
     assert cli.main(words) == 0

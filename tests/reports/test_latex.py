@@ -6,7 +6,7 @@ import pytest
 
 from reports import table_text
 from reports.table import Table
-from reports.text import latex
+from reports.text import label, latex
 from reports.text import latex_escaped as escaped
 
 
@@ -54,3 +54,7 @@ def test_labels_of_materials_of_similar_names_differ(made):
     text = table_text(made.folder, "latex", "main")
     labels = re.findall(r"\\label\{(.*)\}", text)
     assert len(labels) == len(set(labels)) > 2
+
+
+def test_a_letter_with_an_accent_does_not_split_a_word_of_a_label():
+    assert label(Table("main", "Häuser 128 × 128 (dB)", [], [])) == "tab:main-hauser-128-128"

@@ -55,7 +55,7 @@ class Reading(NamedTuple):
     """A line's mean at a size: read off its curves; or, without curves, that of its best rungs within that size."""
 
     value: float
-    off_curves: bool
+    lower_bound: bool  # of rungs at a size: with a rung of just this size, the codec might reach more
 
 
 class Summary(NamedTuple):
@@ -234,11 +234,11 @@ def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence
     for line, value in result.ranked(budget, surfaces).items():
         has_curve = any(surface in points.get(line, {}) for surface in surfaces)
         if not has_curve:
-            reading_of[line] = Reading(value, off_curves=False)
+            reading_of[line] = Reading(value, lower_bound=True)
     for line, by_surface in points.items():
         mean = mean_at(by_surface, surfaces, budget.most)
         if mean is not None:
-            reading_of[line] = Reading(mean, off_curves=True)
+            reading_of[line] = Reading(mean, lower_bound=False)
     return dict(sorted(reading_of.items(), key=lambda item: -item[1].value))
 
 
