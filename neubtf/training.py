@@ -98,7 +98,11 @@ class Guided(Objective):
     def __init__(
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
-        """Make the renderer, drawn from the generator, and keep the rest."""
+        """Make the renderer, and keep the rest.
+
+        Its weights are drawn from the generator, and it answers about the mean of the samples at first. With
+        `init="faint"` its last layer begins with weights 0, so that it answers just the mean, whatever the input.
+        """
         super().__init__(samples, settings)
         self.encoder = encoder
         self.renderer = Decoder(settings.architecture, generator)

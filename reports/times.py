@@ -72,8 +72,10 @@ def _row(timing: Timing) -> list[str]:
 
 
 def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
-    """A table with a row a setting, a column an execution and precision; see `_time_and_limit` for its cells. None
-    without timings."""
+    """A table with a row a setting, a column an execution and precision; no table if there are no timings.
+
+    See `_time_and_limit` for its cells.
+    """
     if not timings:
         return
     usual = usual_batch(timings)
@@ -90,13 +92,12 @@ def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
             cells.append(_time_and_limit(timing_or_none) if timing_or_none else NONE)
         rows.append(cells)
     headers = [("setting", ""), *((variant, "ns, % of limit") for variant in variants)]
-    # The title says the conditions that all share, and "each variant" in the place of execution and precision.
-    place = _conditions(run, {**timings[0], "execution": "each", "dtype": "variant"})
+    shared_by_all = _conditions(run, timings[0], variant="each variant")
     note = (
         "ns a sample, and the time that arithmetic or reads take at the machine's measured rates, as a share of it. "
         "!: answers differ from float64's by more than the precision allows (docs/trade.md)."
     )
-    yield Table("times", f"Executions and precisions: {place}", headers, rows, [note])
+    yield Table("times", f"Executions and precisions: {shared_by_all}", headers, rows, [note])
 
 
 def _setting(label: str) -> str:
@@ -150,8 +151,11 @@ def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
     yield Table("times", f"Steps of fits: {place}", [("setting", ""), ("a step", "ms ↓")], rows, [])
 
 
-def _conditions(run: Run, timing: Timing) -> str:
-    """Where and how a timing was measured: “Xeon 8480C, 1 thread, eager float32, batches of 65,536”."""
+def _conditions(run: Run, timing: Timing, variant: str = "") -> str:
+    """Where and how a timing was measured: “Xeon 8480C, 1 thread, eager float32, batches of 65,536”.
+
+    `variant` stands in the place of its execution and precision, if given.
+    """
     starts = [start for start in run.starts if start["run"] == timing["run"]]
     machine = starts[0].get("machine", Machine()) if starts else Machine()
     # The best name that is known: of the GPU, else of the processor, else the kind of the device, such as "cpu".
@@ -159,4 +163,6 @@ def _conditions(run: Run, timing: Timing) -> str:
     threads = ""
     if not timing.get("gpu"):  # threads of the processor do not matter to a GPU's time
         threads = f", {timing['threads']} thread{'s' * (timing['threads'] > 1)}"
-    return f"{place}{threads}, {timing['execution']} {timing['dtype']}, batches of {timing['batch']:,}"
+    if not variant:
+        variant = _variant(timing)
+    return f"{place}{threads}, {variant}, batches of {timing['batch']:,}"

@@ -253,13 +253,15 @@ def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
 
 
 def smallest_loss(quantity: Quantity, jobs: Sequence[Job], count: int, draws: bool) -> float:
-    """The margin of `count` new seeds against these jobs of a base, if they scatter as the jobs do; see `judge` for
-    `draws`."""
+    """The margin of `count` new seeds against these jobs of a base, before there are new jobs.
+
+    `draws` says that the codec is random, so that its seeds scatter; new seeds are taken to scatter as the base's do.
+    """
     assert quantity.tolerance is not None, "a deciding quantity has a tolerance"
     values = [quantity.value(job) for job in jobs]
     chance = None
     if draws:
-        in_place_of_new = values[:count]
+        in_place_of_new = values[:count]  # there are none yet; what matters is how many they are, and their scatter
         chance = scatter(values, in_place_of_new, len(values))
     return margin(quantity.tolerance, values, chance)
 

@@ -1,6 +1,8 @@
 """The promises that a renderer relies on: each check is a function that raises `CheckError` and says what is wrong.
 
-A codec under test encodes a small synthetic BTF, writes the file, and decodes it, here and in a fresh process.
+A codec under test encodes a small synthetic BTF, writes the file, and decodes it, here and in a fresh process. The
+docstring of a check is the promise, as reports show it. A check that passes returns a note for the codec's author, or
+None.
 """
 
 import itertools
@@ -337,7 +339,7 @@ def framed(tested: CodecUnderTest) -> str | None:
     mistake = tested.frame_answers.mistake()
     if mistake:
         raise CheckError(mistake)
-    undecided = tested.frame_answers.undecided()
+    undecided = tested.frame_answers.undecided()  # other arrangements, with which the answers are about the same
     if not undecided:
         return None
     return f"its answers are the same {'; '.join(undecided)}"

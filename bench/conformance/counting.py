@@ -105,14 +105,14 @@ def _with_packed(counted: int, tensors: dict[str, Tensor]) -> range:
 
 
 def held_floats(material: Material) -> int:
-    """Count the numbers of a decoder outside its network: textures, and the levels and copies made of them."""
-    network = material.modules()
+    """Count the numbers of a decoder outside its networks: textures, and the levels and copies made of them."""
+    networks = material.modules()  # all modules that have parameters
     values: list[Tensor] = []
     for attribute in vars(material).values():
         if isinstance(attribute, Tensor):
             values.append(attribute)
-        elif isinstance(attribute, nn.Module) and attribute not in network:
-            values += attribute.buffers()
+        elif isinstance(attribute, nn.Module) and attribute not in networks:
+            values += attribute.buffers()  # it has no parameters
     return sum(value.numel() for value in values if value.is_floating_point())
 
 

@@ -135,7 +135,7 @@ class SearchResult:
 
     full: Model
     scene: Model | None
-    why: str  # why there is no scene model, or what the scene model omits
+    why: str  # why there is no scene model, or why it is smaller than the full one
     met: bool  # whether the goal is reached
     fits: int
     seconds: float  # processor time of all fits except the full model's
@@ -180,7 +180,7 @@ class Search:
             return SearchResult(full, scene, "no model of the scene is as good", full_meets, len(models), seconds)
         if full_meets and best.header.file_bytes >= full.header.file_bytes:
             return SearchResult(full, None, "the scene needs everything", True, len(models), seconds)
-        return SearchResult(full, best, left_out(self.problem.needed, self.btf), True, len(models), seconds)
+        return SearchResult(full, best, what_is_needed(self.problem.needed, self.btf), True, len(models), seconds)
 
     def ladder(self, goal: Goal, scene: bool = True) -> Iterator[Model]:
         """Fit models of the scene, or of the whole BTF, and yield each.
@@ -239,17 +239,19 @@ def sized(codec: Codec, step: int, scene: bool = True) -> Codec:
     return type(codec)(**(settings_dict(codec) | sizes | {SCENE: scene}))
 
 
-def left_out(needed: NeededPart, btf: BTF) -> str:
-    """Describe the parts of a BTF that a demand does not need."""
+def what_is_needed(needed: NeededPart, btf: BTF) -> str:
+    """Say in words how much of a BTF a demand needs, as the reason why the model of the scene is smaller."""
     words = []
     window = needed.window
     if not window.full:
         words.append(f"{window.height} × {window.width} of {btf.shape[0]} × {btf.shape[1]} texels are seen")
     if window.factor > 1:
-        words.append(f"nothing finer than boxes of {window.factor} × {window.factor} texels is")
+        words.append(f"nothing finer than boxes of {window.factor} × {window.factor} texels is seen")
     if len(needed.pairs) < len(btf):
         words.append(f"{len(needed.pairs):,} of {len(btf):,} pairs lie around its directions")
-    return "; ".join(words) or "only its size"
+    if not words:  # the demand needs all of the BTF: a smaller network and texture were good enough
+        return "only its size"
+    return "; ".join(words)
 
 
 def outside(scorer: FrameScorer, material: Material) -> float | None:

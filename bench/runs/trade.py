@@ -210,7 +210,9 @@ def _announcement(suite: Suite, run: Run, device: str) -> str:
 def _timing_in_words(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
     """About how long it takes to time these jobs, in words.
 
-    A query is expected to take what a run measured before or, where it did not, what it takes with most codecs.
+    A query is expected to take what a run measured before or, where it did not, what it takes with most codecs. Each
+    contestant, a file in one variant, is timed in `timing.TURNS` turns, and each turn is followed by one of the floor,
+    a look-up of a colour, which times are multiples of. No turn is shorter than about `timing.SPAN_NS`.
     """
     target = torch.device(device)
     entries = _timed_jobs(suite)
@@ -218,13 +220,13 @@ def _timing_in_words(suite: Suite, run: Run, device: str, names: Collection[str]
     timed_variants, _ = _variants_on(suite, target, emulated=False)  # besides eager float32
     seconds = 0.0
     for name in names:
-        # A turn calls the job's decoder once for `batch` queries, or as often as fill the shortest turn, `SPAN_NS`.
+        # A turn calls the job's decoder once for `batch` queries, or as often as fill the shortest turn.
         turn_ns = max(timing.SPAN_NS, batch * _expected_ns(run, name, target))
-        turn_ns += timing.SPAN_NS  # a turn of the floor
+        floor_ns = timing.SPAN_NS  # the floor is quick, so its turn is the shortest
         contestants = 1 + len(timed_variants)
         if entries[name].swept:  # it is timed in eager float32 alone
             contestants = 1
-        seconds += 1e-9 * timing.TURNS * turn_ns * contestants
+        seconds += 1e-9 * timing.TURNS * (turn_ns + floor_ns) * contestants
     return f"about {duration(seconds)} of timing"
 
 

@@ -12,7 +12,9 @@ from torch import Tensor
 
 FloatPrecision = Literal["float32", "half"]
 
-HALF_PEAKS = (2.0**-4, 65504.0)  # range of the largest magnitude that halves hold unscaled
+# Range of the largest magnitude that halves hold unscaled. The upper end is their largest number. From the lower end
+# on, a thousandth of the largest magnitude still has all bits of a half, whose numbers lose bits below 2^-14.
+HALF_PEAKS = (2.0**-4, 65504.0)
 
 
 def half_scale(peak: float) -> float:

@@ -155,8 +155,10 @@ def curve_of(
 
 
 def _mean_of(job: Job, family: str, footprint: str) -> float | None:
-    """The mean of a metric over test slices or, with a footprint, of PSNR over boxes of that side; None if it was not
-    measured."""
+    """The mean of a job over test slices; None if it was not measured.
+
+    It is that of the metric of a `family`, such as SSIM; or, with a footprint, always of PSNR, of boxes of that side.
+    """
     if footprint:
         return job.get("footprints", {}).get(footprint, {}).get("mean")
     return stats_of(job, family).get("mean")

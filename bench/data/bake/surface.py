@@ -88,7 +88,7 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
 
 
 def _warn_of_doubts(map_files: MapFiles) -> None:
-    """Warn of pictures that may be maps but are not used, and of a surface that is flat without them."""
+    """Warn of pictures that may be maps but are not used, and of a folder without normals and displacement."""
     for name in map_files.doubtful:
         remedy = "name it like NAME_roughness.png, or give bake --map ROLE=FILE"
         log.warning("%s: not used, %s: %s", map_files.folder / name, map_files.unused[name], remedy)

@@ -177,8 +177,10 @@ def _share_memory(material: Factorisation) -> None:
     # By identity, since channels may share a matrix, which is then counted once.
     distinct = {id(matrix): matrix for matrix in [*material.pairs, *material.texels]}
     for matrix in distinct.values():
-        bytes_left -= 4 * matrix.stored.size  # as float32
-        matrix.is_kept = bytes_left >= 0
+        bytes_needed = 4 * matrix.stored.size  # as float32
+        matrix.is_kept = bytes_needed <= bytes_left
+        if matrix.is_kept:
+            bytes_left -= bytes_needed
 
 
 def _read_header(cursor: Cursor) -> dict[str, Any]:
@@ -383,12 +385,12 @@ class FactorSource(Source):
         """
         if out is None:
             out = np.empty((*channels[0].shape, 3), np.float32)
-        if self.material.model == 11:
+        if self.material.model == 11:  # log luminance and relative chroma
             _yuv_to_rgb(channels, out)
             return out
         for i, channel in enumerate(channels):
             out[..., i] = channel
-        if self.material.model == 12:
+        if self.material.model == 12:  # logarithms of RGB
             np.subtract(np.exp(out, out=out), EPSILON, out=out)
         return out
 
