@@ -111,10 +111,11 @@ class Hierarchy(nn.Module):
         """Make a layer from `inputs` numbers, two Inception modules, and a layer to three outputs; weights are drawn
         from the generator in this order."""
         super().__init__()
-        modules = (Inception(generator) for _ in range(2))
-        self.layers: Any = nn.ModuleList(
-            [linear(inputs, CHANNELS, generator), *modules, linear(CHANNELS, 3, generator)]
-        )
+        self.layers: Any = nn.ModuleList()
+        self.layers.append(linear(inputs, CHANNELS, generator))
+        self.layers.append(Inception(generator))
+        self.layers.append(Inception(generator))
+        self.layers.append(linear(CHANNELS, 3, generator))
 
     def hidden_matrices(self) -> list[Tensor]:
         """The kernels of both modules: see `bench.training.optimiser`."""

@@ -317,7 +317,7 @@ class ReliefObjective(Objective):
         return (self.first_height + shift).clamp(-HIGHEST, HIGHEST)
 
     @torch.no_grad()
-    def renew(self) -> None:
+    def renew_surface(self) -> None:
         """March the height as it is now, in the steps that the file will hold."""
         height = self.height
         if height is not None and height.isfinite().all():  # otherwise the fit diverges, and its loop handles that
@@ -331,7 +331,7 @@ class ReliefObjective(Objective):
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) at the finest level; at the end of a fit, on the height as the file will hold it."""
         if progress == 1 and self.height_shift is not None:
-            self.renew()
+            self.renew_surface()
         queries = queries_of(self.levels, level=0, batch=batch)
         return answer(self.network, self.pyramids, self.relief, self.tables(), queries)
 
@@ -344,7 +344,7 @@ class ReliefObjective(Objective):
         # back to before the height moved, `moved` is still set, and the first height is marched again.
         step = round(progress * self.settings.steps)
         if (moves_height or self.moved) and step % RENEWED == 0:
-            self.renew()
+            self.renew_surface()
             self.moved = moves_height
         ours = answer(self.network, self.pyramids, self.relief, self.tables(), queries, height)
         return self.distance(ours, target, pair, progress)

@@ -153,7 +153,9 @@ def _cells(pairs: Iterable[tuple[Job, Job]], ours_of: Slices, theirs_of: Slices)
 def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     """The mean over materials of the mean over seeds of the mean over slices, with its interval; None without cells.
 
-    `draws` counts the draws of a bootstrap; see the module.
+    The interval is Student's over the means of the materials, with the chance of so large a mean between equal codecs;
+    fewer than `FEWEST` materials say nothing about others, and give a chance of 1. Of one material it is that of a
+    bootstrap with so many `draws`; see the module.
     """
     by_material = grouped(cells, lambda cell: cell.material)
     if not by_material:
@@ -164,10 +166,10 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     means = np.array(of_materials)  # (materials,) in dB
     chance = 1.0
     if len(means) > 1:
-        reach, of_equals = _student_interval(means)
+        reach, chance_if_equal = _student_interval(means)
         low, high = means.mean() - reach, means.mean() + reach
         if len(means) >= FEWEST:
-            chance = of_equals
+            chance = chance_if_equal
     else:
         # One material says nothing of others, so the interval is of its pairs and fits alone.
         low, high = np.percentile(_bootstrap_means(cells, draws), [2.5, 97.5])

@@ -73,7 +73,7 @@ def counted() -> Iterator[Traffic]:
     try:
         yield traffic
     finally:
-        _traffic.remove(traffic)
+        _traffic.pop()  # blocks nest, so the last is this one's
 
 
 @contextmanager

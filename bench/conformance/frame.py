@@ -80,16 +80,19 @@ def _channels(order: str) -> Radiance:
     return lambda uv, wo, wi: truth(uv, wo, wi)[:, places]
 
 
-def _directions(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
-    """The radiance with ω_o, ω_i, or both, turned: their x and y are these whole multiples of the old x and y."""
-    # Transposed, because directions are rows, which it is multiplied to from the right.
+def _turned(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
+    """The radiance with directions turned: their x and y are these whole multiples of the old x and y.
+
+    `sides` is one of `SIDES`: whether ω_o, ω_i, or both are turned.
+    """
+    # A matrix multiplies a direction from the left; here directions are rows, so its transpose does from the right.
     turn = torch.tensor([[*x, 0], [*y, 0], [0, 0, 1]], dtype=torch.float32).T
 
     def radiance(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """The radiance (n, 3) of the chosen side or sides turned."""
-        if "ω_o" in sides:
+        if sides in (BOTH, ONLY_WO):
             wo = wo @ turn
-        if "ω_i" in sides:
+        if sides in (BOTH, ONLY_WI):
             wi = wi @ turn
         return truth(uv, wo, wi)
 
@@ -102,6 +105,7 @@ def _curved(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
 
 
 HALF_U, HALF_V = 0.5 / SHAPE[1], 0.5 / SHAPE[0]  # half a texel
+SIDES = BOTH, ONLY_WO, ONLY_WI = "ω_o and ω_i", "ω_o alone", "ω_i alone"
 TURNS = (
     ("φ + 180° for φ (ω pointing the other way)", (-1, 0), (0, -1)),
     ("φ mirrored (−φ for φ)", (1, 0), (0, -1)),
@@ -126,11 +130,7 @@ ARRANGEMENTS: dict[str, Radiance] = {  # each possible mistake, with the radianc
     "with the picture moved by half a texel up": _moved(lambda u, v: (u, v - HALF_V)),
     **{f"with the channels in the order {order}": _channels(order) for order in ("BGR", "GRB", "RBG", "GBR", "BRG")},
     "with ω_o and ω_i exchanged": lambda uv, wo, wi: truth(uv, wi, wo),
-    **{
-        f"with {words} in {sides}": _directions(x, y, sides)
-        for sides in ("ω_o and ω_i", "ω_o alone", "ω_i alone")
-        for words, x, y in TURNS
-    },
+    **{f"with {words} in {sides}": _turned(x, y, sides) for sides in SIDES for words, x, y in TURNS},
     "as sRGB for linear radiance": _curved(encode_srgb),
     "with sRGB undone twice": _curved(decode_srgb),
     "without the cosine of ω_i": lambda uv, wo, wi: truth(uv, wo, wi) / wi[:, 2:],

@@ -113,29 +113,42 @@ def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
 
 
 def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) -> tuple[int, int]:
-    """Start and length, in texels, of the shortest stretch of one side of the texture that holds all places (n,) with
-    their footprints (n,), both in periods of `side` texels. It may wrap around, and is in whole boxes of `factor`
-    texels. If it would not be shorter than `whole` texels, it is (0, `whole`)."""
+    """Start and length, in texels, of the shortest stretch of one side of the texture that holds all that queries see.
+
+    Each of them sees its `place` (n,) with its `footprint` (n,), both in periods of `side` texels. The stretch may wrap
+    around, and has whole boxes of `factor` texels. If it would not be shorter than `whole`, the side in whole boxes, it
+    is (0, `whole`).
+    """
     reach = footprint / 2 + factor / side  # in periods: half the footprint, and a box
     if float(reach.max()) >= 0.5:
         return 0, whole
     first = np.floor((place - reach) * side).astype(int)
-    last = np.ceil((place + reach) * side).astype(int)
-    # Each query sees the texels from `first` on, and before `last`: +1 where that begins and −1 where it ends, so that
-    # the running sum counts the queries that see a texel. Over the period before, the period itself and the one after.
-    edges = np.zeros(3 * side + 1, int)
-    np.add.at(edges, first + side, 1)
-    np.add.at(edges, last + side, -1)
-    count = np.cumsum(edges)[:-1].reshape(3, side)
-    seen = np.flatnonzero((count > 0).any(0))
-    # From each seen texel to the next, around the period; the longest step jumps over the part to leave out.
-    steps = np.diff(seen, append=seen[0] + side)
-    jump = int(np.argmax(steps))
-    texels = side - int(steps[jump]) + 1  # without those that the longest step jumps over
-    length = math.ceil(texels / factor) * factor  # in whole boxes
+    end = np.ceil((place + reach) * side).astype(int)  # the texel after the last that is seen
+    seen = np.flatnonzero(_seen_texels(first, end, side))
+    # The longest part that nobody sees is left out. From each seen texel to the next one is a step of 1, or more over
+    # unseen texels; the last step leads around the period to the first.
+    next_seen = np.append(seen[1:], seen[0] + side)
+    steps = next_seen - seen
+    longest = int(np.argmax(steps))
+    unseen = int(steps[longest]) - 1  # texels that it jumps over
+    length = math.ceil((side - unseen) / factor) * factor  # in whole boxes
     if length >= whole:
         return 0, whole
-    return int(seen[jump] + steps[jump]) % side, length
+    return int(next_seen[longest]) % side, length
+
+
+def _seen_texels(first: Array, end: Array, side: int) -> Array:
+    """Whether any query sees each texel of a side, (side,) bool; query i sees those from first[i] on, before end[i].
+
+    Both (n,) are from −side to 2 · side: a query may see texels of the period before, or after, which repeat it.
+    """
+    # +1 where what a query sees begins and −1 where it ends, over three periods: before, the texture's own, and after.
+    # The running sum is the number of queries that see a texel.
+    edges = np.zeros(3 * side + 1, int)
+    np.add.at(edges, first + side, 1)
+    np.add.at(edges, end + side, -1)
+    queries = np.cumsum(edges)[:-1].reshape(3, side)
+    return np.asarray((queries > 0).any(0))
 
 
 def _cells(directions: Array) -> Array:

@@ -28,7 +28,7 @@ class Picture:
         radiance = check_radiance(radiance, name)
         if not (np.isfinite(exposure) and exposure > 0):
             raise InputError(f"exposure must be a positive number, not {exposure}")
-        self.shape = radiance.shape[:-1]
+        self.shape = radiance.shape[:-1]  # (..., H, W)
         self.exposure = float(exposure)
         # Channels first, negative values 0, contiguous.
         self.linear = np.maximum(np.moveaxis(radiance, -1, 0), 0, order="C", dtype=np.float64)

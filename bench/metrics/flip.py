@@ -280,7 +280,8 @@ class HDR(SliceMetric):
 
     def reference_side(self, reference: Picture) -> tuple[Array, tuple[Perceived, ...]]:
         """The exposures in stops, and what is perceived of the reference at each."""
-        if not self.range and len(reference.shape) > 2:
+        is_stack = len(reference.shape) > 2  # (..., H, W), without the channels
+        if not self.range and is_stack:
             raise InputError("reference is a stack, each with exposures of its own: give start and stop")
         chosen = self.range or self.range_of(np.tensordot(LUMA, reference.linear, 1))
         steps = chosen.steps()

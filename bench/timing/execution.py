@@ -156,14 +156,18 @@ def _fused_on_cpu(material: Material) -> Material:
 
 
 def _whole(material: Material) -> Material:
-    """A material as one kernel of the CPU, with its networks in it. `InputError` if it cannot be recorded."""
+    """A material as one kernel of the CPU, with its networks in it. `InputError` if it cannot be recorded.
+
+    A copy of it is recorded, in which a placeholder with a number stands for each network: the kernel computes a
+    network as a whole, in the layers of the `decoders`, and not by the single operations of PyTorch.
+    """
     from bench.timing.fused.whole import Placeholder, Whole
 
     marked = copy.deepcopy(material)
     decoders: list[Decoder] = []
 
     def placeholder(decoder: Decoder) -> nn.Module:
-        """What stands for a network, which is noted in `decoders` under its number."""
+        """What stands for a network in the copy; notes the network in `decoders`, at the place of its number."""
         decoders.append(decoder)
         return Placeholder(len(decoders) - 1, decoder.architecture.outputs)
 

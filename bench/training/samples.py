@@ -130,10 +130,14 @@ class Samples:
         return Batch(texel, pair, self._log(radiance).to(self.device))
 
     def seen(self, texel: Tensor, direction: Tensor) -> Batch:
-        """The samples at some texels and directions (n,), each a pair, or in a fit to a scene one between pairs."""
+        """The samples at some texels and directions, both (n,).
+
+        A direction is the number of a pair; in a fit to a scene it is the number of one of the directions of its
+        density, which lie between pairs: there the sample is the weighted mean of the k pairs around it.
+        """
         if not self.density:
             return self.at(texel, direction)
-        pair, weight = self.density.around(direction)
+        pair, weight = self.density.around(direction)  # both (n, k)
         around = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten())
         corners = around.target.unflatten(0, pair.shape)  # (n, k, 3)
         mean = (corners.expm1() * weight[..., None]).sum(1)  # of radiance times the gain, not of its logarithm

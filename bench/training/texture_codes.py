@@ -70,7 +70,7 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
 def _picture_sizes(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> Sequence[tuple[int, int]]:
     """The sizes (H, W) of the pictures that codes (…, C) are: `sizes`, or that of one picture.
 
-    None if they are not known, do not add up to the codes, or would take too many steps to decode from neighbours.
+    Empty if they are not known, do not add up to the codes, or would take too many steps to decode from neighbours.
     """
     if sizes is None:
         # Codes (…, H, W, C) are one picture, with all before W as its rows.

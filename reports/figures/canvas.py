@@ -101,8 +101,8 @@ def of_each_material(draw: Callable[[Run, MaterialRows], Figure | None]) -> Call
         for material in materials(run):
             with style():
                 figure = draw(run, material)
-                if figure:
-                    yield figure
+            if figure:
+                yield figure
 
     return figures
 

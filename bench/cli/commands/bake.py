@@ -27,11 +27,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--lights", type=int, default=25, help="how many lights of the set to use (default: 25)")
     add("--heldout", type=int, default=150, help="how many random pairs to hold out (default: 150)")
     add("--depth", type=float, help="height of white over black in the displacement, in picture widths")
-    which = "say which file a map is, whatever its name: albedo, normal_gl, roughness, … (repeatable)"
-    add("--map", action="append", default=[], metavar="MAP=FILE", help=which)
+    help_of_map = "say which file a map is, whatever its name: albedo, normal_gl, roughness, … (repeatable)"
+    add("--map", action="append", default=[], metavar="MAP=FILE", help=help_of_map)
     add("--seed", type=seed_option, default=0, help="seed of the held-out pairs and of Mitsuba's paths (default: 0)")
-    each = "builtin: direct light (default); mitsuba: paths with inter-reflections, resumes after a kill"
-    add("--renderer", default="builtin", choices=["builtin", "mitsuba"], help=each)
+    help_of_renderer = "builtin: direct light (default); mitsuba: paths with inter-reflections, resumes after a kill"
+    add("--renderer", default="builtin", choices=["builtin", "mitsuba"], help=help_of_renderer)
     add("-o", "--out", type=Path, required=True, help="the .npz file, or the folder of EXR pictures, to write")
 
 

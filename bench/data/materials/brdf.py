@@ -90,7 +90,10 @@ def reflect(here: Points, i: tuple[Array, Array, Array], cos_between: Values) ->
 
 
 def specular_colour(here: Points, cos_between: Values) -> Values:
-    """F (3, ...) of each point for one pair: every point shares the angle between view and half vector."""
+    """Fresnel's colour F (3, ...) of each point for one pair, by the cosine of the angle between its view and light.
+
+    F goes by the angle between view and half vector, which all points share.
+    """
     # The half vector halves the angle between view and light: cos(x / 2) = √((1 + cos x) / 2).
     cos_half = _root(_at_least(0, (1 + cos_between) / 2))
     return fresnel(here.f0, here.f90, cos_half)

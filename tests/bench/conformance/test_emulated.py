@@ -54,6 +54,11 @@ def test_it_counts_kernels_waits_and_bytes(gpu: torch.device) -> None:
         ours[ours > 0]
         ours.to("cpu")
     assert traffic.waits == {"aten::_local_scalar_dense": 1, "aten::nonzero": 1, "down": 1}
+    with counted() as outer:
+        with counted() as inner:  # equal to the outer one when it ends
+            torch.ones(3).to(gpu)
+        torch.ones(3).to(gpu)
+    assert (inner.copied, outer.copied) == (12, 24)
 
 
 def material_for(name: str) -> BTF:
