@@ -43,13 +43,17 @@ TURNS = 20  # of a contestant in a round
 
 @dataclass
 class Entry:
-    """A setting, with what its files need: the ratios of all its turns, and the times of a sample in ns."""
+    """A setting, with what its files need: the ratios of all its turns to the floor, and the times of a sample in ns.
+
+    A codec that answers at texels is scored and timed there. A query between texels blends several, and takes longer:
+    its ratios stand beside.
+    """
 
     label: str
     flops: int  # operations of a query
     ratios: list[np.ndarray] = field(default_factory=list)  # one array a surface and round
     samples: list[np.ndarray] = field(default_factory=list)
-    between: list[np.ndarray] = field(default_factory=list)  # ratios between texels, where quality is of texels
+    between: list[np.ndarray] = field(default_factory=list)  # ratios between texels; empty for most codecs
 
     def record(self, run: str) -> records.Timing:
         """The record of its times in a run, given by its name; without the times of single turns, which are many."""

@@ -49,24 +49,26 @@ class Tables:
         """
         rows, channels = table.shape
         single = channels == 1
-        stride = math.ceil(channels / 4)  # texels a row; of `exactOne`, floats a row
         needs_floats = exact or single or table.dtype.kind != "f"
-        small = needs_floats or table.size < HALF_FROM or np.abs(table).max() > HALF_MOST
-        key = (hashlib.sha256(table.tobytes()).digest(), table.shape, small)
-        blocks = self.exact if small else self.half
+        in_floats = needs_floats or table.size < HALF_FROM or np.abs(table).max() > HALF_MOST
+        blocks = self.exact if in_floats else self.half
+        texels_of_row = math.ceil(channels / 4)
+        key = (hashlib.sha256(table.tobytes()).digest(), table.shape, in_floats)
         if key not in self._placed:
-            start = sum(map(len, blocks))  # texels so far
+            texels_so_far = sum(map(len, blocks))
             # Zeros fill the last texel, of the whole column or of each row.
             if single:
                 padded = np.zeros((math.ceil(rows / 4) * 4, 1), np.float32)
-                place = "exactOne", 4 * start
+                place = "exactOne", 4 * texels_so_far  # it counts floats, four of them a texel
             else:
-                padded = np.zeros((rows, 4 * stride), np.float32)
-                place = "exactRow" if small else "halfRow", start
+                padded = np.zeros((rows, 4 * texels_of_row), np.float32)
+                place = "exactRow" if in_floats else "halfRow", texels_so_far
             padded[:rows, :channels] = table
             blocks.append(padded.reshape(-1, 4))
             self._placed[key] = place
-        return (*self._placed[key], stride)
+        function, first = self._placed[key]
+        numbers_of_row = 1 if single else texels_of_row
+        return function, first, numbers_of_row
 
     def texture(self, half: bool) -> Array:
         """One of the textures, (height, WIDTH, 4), with at least one row."""

@@ -91,7 +91,8 @@ def dark(subject: Subject, queries: Queries) -> None:
     lit = (answers != 0).any(1)
     if lit.any():
         row = int(lit.nonzero()[0])
-        raise CheckError(f"{answers[row].tolist()} at {query_in_words(queries, row)}", f"{answers.max():.3g}")
+        largest = float(answers.abs().max())  # answers below 0 are as wrong as those above
+        raise CheckError(f"{answers[row].tolist()} at {query_in_words(queries, row)}", f"{largest:.3g}")
 
 
 def refused(subject: Subject, queries: Queries) -> None:
