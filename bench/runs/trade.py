@@ -337,8 +337,8 @@ def _choices(
                     row |= _figures_of_run(run, job)
                 else:
                     key = json.dumps([job["score_key"], variant.execution, variant.precision, device, suite.threads])
-                    measure = partial(_figures_of_variant, workbench, ready, material, suite.threads, show)
-                    row |= unfinished.figures_of(key, measure)
+                    score_variant = partial(_figures_of_variant, workbench, ready, material, suite.threads, show)
+                    row |= unfinished.figures_of(key, score_variant)
             except Exception as error:  # an error in one variant must not lose the figures of the others
                 row["error"] = _on_one_line(error)
             else:
