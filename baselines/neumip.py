@@ -79,8 +79,8 @@ class Pyramid(Levels):
     """The latents of all levels in one table, and the reach of an offset."""
 
     def __init__(self, size: tuple[int, int], levels: int | None = None):
-        """Lay out the levels of a picture of `size` (H, W): so many `levels`, or all if it is None or 0."""
-        super().__init__(size, levels or level_count(size))
+        """Lay out the levels of a picture of `size` (H, W): so many `levels`, or all if it is None."""
+        super().__init__(size, level_count(size) if levels is None else levels)
         # (2,): how far in uv an offset of 1 moves a place along u and along v, equally far on the surface.
         self.reach = nn.Buffer(OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
 
@@ -375,9 +375,9 @@ class NeuMIP(Codec):
         are not of its size."""
         networks = load_network(self.objective.networks_class(self.settings), parts.decoder)
         height, width = parts.other["size"].tolist()
-        levels = int(parts.other["levels"]) if "levels" in parts.other else None  # None or 0: all of them
+        levels = int(parts.other["levels"]) if "levels" in parts.other else None  # None: all of them
         too_small = min(height, width) < 1
-        if too_small or (levels is not None and not 0 <= levels <= level_count((height, width))):
+        if too_small or (levels is not None and not 1 <= levels <= level_count((height, width))):
             raise ValueError(f"a pyramid of {levels} levels over {height} × {width} texels")
         pyramid = Pyramid((height, width), levels)
         offset = load_texture("offset", parts.texture, [(height, width)]) if self.settings.offset else None

@@ -62,7 +62,7 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
     """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one GPU each. A job
     that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`."""
     if limit is not None and not 0 < limit < math.inf:
-        raise InputError(f"--max-seconds {limit:g}: must be above 0")
+        raise InputError(f"--max-seconds {limit:g}: must be above 0 and finite; leave it out for no limit")
     if count < 1:
         raise InputError(f"--jobs {count}: must be at least 1")
     kind, numbered, _ = device.partition(":")  # "cuda:1" is the second GPU, "cuda" is any

@@ -101,6 +101,15 @@ def test_the_stored_textures_are_those_that_were_fitted() -> None:
     torch.testing.assert_close(material.query(levels[0].centres(batch.texel), wo, wi), expected, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize("levels", [0, 9])
+def test_a_file_of_no_level_or_of_too_many_is_refused(levels: int) -> None:
+    codec = NeuMIP(steps=1, batch=256)
+    parts = codec.encode(tiny_btf(), Fit())
+    parts.other["levels"] = torch.tensor([levels], dtype=torch.uint8)
+    with pytest.raises(ValueError, match=f"a pyramid of {levels} levels over 8 × 8 texels"):
+        codec.decode(parts, torch.device("cpu"))
+
+
 @pytest.mark.parametrize("outputs", [3, 6])
 def test_the_networks_start_at_one_colour(outputs: int) -> None:
     networks, level = Networks(NeuMIP(outputs=outputs).settings), torch.tensor([0.2, 0.5, 1.1])

@@ -40,6 +40,8 @@ def size(data: bytes, label: str) -> tuple[int, int] | None:
     if window != struct.unpack("<4i", attributes["displayWindow"]):
         raise InputError(f"{label}: its data window differs from its display window: save it uncropped")
     if "tiles" in attributes:
+        # Before it reads any of them, the library reserves memory by their size: 1.5 GB where a file of 16² pixels
+        # names tiles of 2²⁴.
         tile_width, tile_height = struct.unpack_from("<II", attributes["tiles"])
         if max(tile_width, tile_height) > 4096:
             raise InputError(f"{label}: this EXR has tiles above 4096 pixels: save it in scan lines")

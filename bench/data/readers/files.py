@@ -16,7 +16,10 @@ from bench.inputs.errors import InputError, readable, refuse_pipe
 WHOLE = 64 << 20  # bytes that a digest reads completely; of more it reads blocks
 BLOCK = 64 << 10  # bytes of such a block at most
 HEAD = 4096  # bytes at the start of a file that show its format
-MAX_DEPTH = 3  # levels of files that are listed: those in the folder, in its folders, and in theirs
+# Levels of files that are listed: those in the folder, in its folders, and in theirs. Databases have a folder a view,
+# which is two; the third is for an archive that was unpacked into a folder of its name. A home folder, given by
+# mistake, is not walked whole.
+MAX_DEPTH = 3
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")  # byte order marks, little-endian and big-endian
 
 

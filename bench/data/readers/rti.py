@@ -18,6 +18,9 @@ from bench.data.readers.pictures import PictureSource
 from bench.inputs.errors import InputError, readable
 
 MAX_LIST = 16 << 20  # bytes of a list
+# Lists may be rounded, and two digits move a length by up to 1 %. This leaves room for coarser ones; a vector that is
+# further off is likelier mistyped than rounded.
+LENGTH_TOLERANCE = 0.05
 log = logging.getLogger(__name__)
 
 
@@ -45,7 +48,7 @@ def opened(seen: Candidate) -> BTF | None:
     files = FolderFiles(path.parent)
     names, labels, vectors = _read_list(path)
     pictures = _find_pictures(files, names, labels)
-    wi = unit_directions(vectors, labels.__getitem__, tolerance=0.05)  # 5 % off is scaled
+    wi = unit_directions(vectors, labels.__getitem__, tolerance=LENGTH_TOLERANCE)
     wo = np.tile(np.array([0, 0, 1], np.float32), (len(wi), 1))
     no_duplicates(wo, wi, labels.__getitem__)
     order = view_major(wo, wi)

@@ -161,7 +161,9 @@ def test_a_job_that_takes_too_long_has_failed_and_the_next_has_a_worker():
         late = workers.executor.submit(time.sleep, 600)
         assert isinstance(late.exception(), OutOfTimeError)
         assert workers.executor.submit(divmod, 7, 2).result() == (3, 1)
-    assert cli.main(["run", "--max-seconds", "0", "--material", "btf", "--codec", "mean-colour", "--out", "x"]) == 2
+    for limit in ("0", "inf"):
+        command = ["run", "--max-seconds", limit, "--material", "btf", "--codec", "mean-colour", "--out", "x"]
+        assert cli.main(command) == 2
 
 
 @pytest.mark.long
