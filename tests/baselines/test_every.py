@@ -120,6 +120,13 @@ def test_pictures_of_any_size_are_fitted(name: str, settings: dict[str, Any], si
 
 
 TRAINED = {"steps": 300, "batch": 512}
+BY_BOTH_RECIPES: list[tuple[str, dict[str, Any]]] = [
+    ("neuralbtf", TRAINED | {"width": 64}),
+    ("ntc", TRAINED | {"reduction": 2}),
+    ("rainer2019", {"steps": 200, "texels": 8, "pairs": 16}),
+    ("triple-plane", TRAINED),
+    ("zeltner2024", TRAINED | {"width": 32, "rate": 1e-2, "latent_rate": 1e-2}),
+]
 
 
 @pytest.mark.parametrize(
@@ -127,16 +134,10 @@ TRAINED = {"steps": 300, "batch": 512}
     [
         ("bcf", TRAINED),
         ("hierarchical", {"steps": 200, "batch": 512}),
+        *((name, settings | {"recipe": "paper"}) for name, settings in BY_BOTH_RECIPES),
         *(
-            pytest.param(name, settings | {"recipe": recipe}, marks=pytest.mark.long if recipe == "ours" else ())
-            for recipe in ("ours", "paper")
-            for name, settings in [
-                ("neuralbtf", TRAINED | {"width": 64}),
-                ("ntc", TRAINED | {"reduction": 2}),
-                ("rainer2019", {"steps": 200, "texels": 8, "pairs": 16}),
-                ("triple-plane", TRAINED),
-                ("zeltner2024", TRAINED | {"width": 32, "rate": 1e-2, "latent_rate": 1e-2}),
-            ]
+            pytest.param(name, settings | {"recipe": "ours"}, marks=pytest.mark.long)
+            for name, settings in BY_BOTH_RECIPES
         ),
     ],
 )
@@ -279,13 +280,12 @@ STORES_A_NETWORK = {
 @pytest.mark.parametrize("name", STORES_A_NETWORK)
 @pytest.mark.usefixtures("few_samples")
 def test_weights_of_eight_bits_are_half_as_large_and_answer_alike(name: str) -> None:
-    files = {}
+    files, sizes = {}, {}
     for weights in ("half", "int8"):
         codec = make_codec(name, STORES_A_NETWORK[name] | {"weights": weights})
-        files[weights] = codec.encode(tiny_btf(), Fit())
-    sizes = {
-        weights: sum(x.numel() * x.element_size() for x in parts.decoder.values()) for weights, parts in files.items()
-    }
+        parts = codec.encode(tiny_btf(), Fit())
+        files[weights] = parts
+        sizes[weights] = sum(x.numel() * x.element_size() for x in parts.decoder.values())
     assert sizes["int8"] < 0.8 * sizes["half"]  # biases, norms and the steps of rows stay halves
     exact, rounded = (codec.decode(parts, CPU).slice(UP, UP) for parts in files.values())
     assert (rounded - exact).abs().mean() < 0.25 * exact.abs().mean()

@@ -17,7 +17,12 @@ def oracle_harmonics(w: np.ndarray, bands: int) -> np.ndarray:
         for m in range(-band, band + 1):
             a = abs(m)
             norm = np.sqrt((2 * band + 1) * factorial(band - a) / (2 * np.pi * factorial(band + a)))
-            around = 1 if m == 0 else np.sqrt(2) * (np.cos(m * phi) if m > 0 else np.sin(a * phi))
+            if m == 0:
+                around = np.ones_like(phi)
+            elif m > 0:
+                around = np.sqrt(2) * np.cos(m * phi)
+            else:
+                around = np.sqrt(2) * np.sin(a * phi)
             found.append((-1) ** a * norm * lpmv(a, band, 2 * np.cos(theta) - 1) * around)
     return np.stack(found, 1)
 

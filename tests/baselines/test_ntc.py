@@ -105,11 +105,10 @@ def texel(parts: Parts, row: int, col: int, wo: np.ndarray, wi: np.ndarray, bits
     y, x = (row + 0.5) / 4 - 0.5, (col + 0.5) / 4 - 0.5
     top, left = int(np.floor(y)), int(np.floor(x))
     b, a = y - top, x - left
-    wide = sum(
-        (b if i else 1 - b) * (a if j else 1 - a) * coarse[(top + i) % 2, (left + j) % 2]
-        for i in (0, 1)
-        for j in (0, 1)
-    )
+    wide = np.zeros(coarse.shape[-1])
+    for i, of_row in enumerate((1 - b, b)):
+        for j, of_col in enumerate((1 - a, a)):
+            wide += of_row * of_col * coarse[(top + i) % 2, (left + j) % 2]
     h = (wo + wi) / np.linalg.norm(wo + wi)
     values = np.concatenate([*near, wide, encoded_places((8, 8))[8 * row + col], wo, wi, h])
     values = normed_sines(values, parts.decoder["weights"], (64, 89), (64, 64), (3, 64))

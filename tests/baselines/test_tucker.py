@@ -42,9 +42,11 @@ def oracle(table: np.ndarray, ranks: tuple[int, int, int], rounds: int) -> np.nd
     def project(x: np.ndarray, basis: np.ndarray, mode: int) -> np.ndarray:
         return np.moveaxis(np.tensordot(basis @ basis.T, x, (1, mode)), 0, mode)
 
-    bases: list[np.ndarray] = [
-        np.linalg.svd(unfold(table[1:] if mode == 0 else table, mode))[0][:, : ranks[mode]] for mode in range(3)
-    ]
+    def leading(x: np.ndarray, mode: int) -> np.ndarray:
+        kept_apart = x[1:] if mode == 0 else x
+        return np.linalg.svd(unfold(kept_apart, mode))[0][:, : ranks[mode]]
+
+    bases = [leading(table, mode) for mode in range(3)]
 
     def texels(x: np.ndarray) -> np.ndarray:
         return np.concatenate([x[:1], project(x[1:], bases[0], 0)])
@@ -54,7 +56,7 @@ def oracle(table: np.ndarray, ranks: tuple[int, int, int], rounds: int) -> np.nd
             x = table if mode == 0 else texels(table)
             for other in {1, 2} - {mode}:
                 x = project(x, bases[other], other)
-            bases[mode] = np.linalg.svd(unfold(x[1:] if mode == 0 else x, mode))[0][:, : ranks[mode]]
+            bases[mode] = leading(x, mode)
     return project(project(texels(table), bases[1], 1), bases[2], 2)
 
 

@@ -157,8 +157,12 @@ def job_lines(folder: Path) -> list[records.Record]:
 
 def contents(folder: Path) -> dict[str, bytes]:
     """What is in a run's folder by name, but records; of what says how long fits took, the name alone."""
-    paths = (path for path in folder.rglob("*") if path.is_file() and path.name != records.FILE)
-    return {str(path.relative_to(folder)): b"" if path.name.endswith(FACTS) else path.read_bytes() for path in paths}
+    found = {}
+    for path in folder.rglob("*"):
+        if not path.is_file() or path.name == records.FILE:
+            continue
+        found[str(path.relative_to(folder))] = b"" if path.name.endswith(FACTS) else path.read_bytes()
+    return found
 
 
 def shared_part(folder: Path) -> dict[str, records.Record]:

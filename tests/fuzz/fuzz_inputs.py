@@ -265,13 +265,12 @@ def trade(found: list[dict[str, Any]]) -> dict[str, Any]:
     plain = {"material": "satin", "execution": "eager", "precision": "float32", "device": "cpu", "batch": 65536}
     plain |= {"threads": 1, "ns_per_sample": 100.0, "ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]}
     jobs = [record for record in found if record["kind"] == "job" and record["status"] == "ok"]
-    choices = [
-        plain
-        | {"job": job["job"], "label": job["label"], "codec": job["codec"], "settings": job["settings"], "worst": 20.0}
-        | {"psnr": 30.0, "flip": 0.1, "bytes": 1000, "of_limit": 0.1, "fastest": True, "smallest": True}
-        | {"sha256": job["score_key"]["sha256"]}
-        for job in jobs
-    ]
+    measured = {"worst": 20.0, "psnr": 30.0, "flip": 0.1, "bytes": 1000, "of_limit": 0.1}
+    measured |= {"fastest": True, "smallest": True}
+    choices = []
+    for job in jobs:
+        what = {key: job[key] for key in ("job", "label", "codec", "settings")}
+        choices.append(plain | what | measured | {"sha256": job["score_key"]["sha256"]})
     profile = {"material": "satin", "name": "floor", "part": "query", "batch": 1, "coherent": False, "footprint": 0.0}
     ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
     made = {"format": 1, "suite": "trade", "choices": [*choices, plain | {"label": "floor"}], "ceilings": [ceiling]}

@@ -68,10 +68,10 @@ def radiance(codes: np.ndarray) -> bytes:
     rgbe = np.concatenate([codes, np.full((*codes.shape[:2], 1), 130, np.uint8)], -1).swapaxes(0, 1)
     lines, length = rgbe.shape[:2]
     head = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n+X {lines} -Y {length}\n".encode()
-    runs = [
-        struct.pack(">2BH", 2, 2, length) + b"".join(bytes([length]) + line[:, c].tobytes() for c in range(4))
-        for line in rgbe
-    ]
+    runs = []
+    for line in rgbe:
+        runs.append(struct.pack(">2BH", 2, 2, length))
+        runs += [bytes([length]) + line[:, channel].tobytes() for channel in range(4)]
     return head + b"".join(runs)
 
 
@@ -128,8 +128,13 @@ def make_mean_abrdf(root: Path) -> Path:
 
 def make_ubo2014(root: Path, model: int = 11, fmf: bool = False, scalar: int = 2, version: int = 4) -> Path:
     rng = np.random.default_rng(model)
-    rows, rank = len(ANGLES) ** 2 * (3 if fmf else 1), 4
-    factors = [tuple(rng.standard_normal((n, rank)) * 0.4 for n in (rows, H * W)) for _ in range(1 if fmf else 3)]
+    pairs, rank = len(ANGLES) ** 2, 4
+    rows, matrices = (3 * pairs, 1) if fmf else (pairs, 3)
+    factors = []
+    for _ in range(matrices):
+        u = rng.standard_normal((rows, rank)) * 0.4
+        sv = rng.standard_normal((H * W, rank)) * 0.4
+        factors.append((u, sv))
     kind: dict[str, Any] = {"colour_model": model, "scalar": scalar, "version": version, "rotations": 2, "xml": "<a/>"}
     write_ubo2014(root / "small.btf", np.radians(ANGLES), np.radians(ANGLES), (H, W), factors, **kind)
     return root / "small.btf"

@@ -58,7 +58,9 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     """Bytes damaged in one to four places; half of the places lie in the first 512 bytes, where headers are."""
     out = bytearray(data)
     for _ in range(rng.randint(1, 4)):
-        at = rng.randrange(min(len(out), 512) if rng.random() < 0.5 else len(out)) if out else 0
+        at = 0
+        if out:
+            at = rng.randrange(min(len(out), 512) if rng.random() < 0.5 else len(out))
         kind = rng.randrange(8)
         if kind == 0:
             out[at : at + 1] = bytes([out[at] ^ 1 << rng.randrange(8)]) if out else b""

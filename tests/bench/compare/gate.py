@@ -110,7 +110,10 @@ def _renewed(before: str, now: str, codec: str) -> str:
     for line in [*old, *new]:
         places.setdefault(_place(line), len(places))
     # The other rows were timed in another start of the suite, whose floor is not this one's.
-    fresh = [line | ({"run": codec} if line["kind"] == "timing" else {}) for line in new if rows(line)]
+    fresh = []
+    for line in new:
+        if rows(line):
+            fresh.append(line | {"run": codec} if line["kind"] == "timing" else line)
     lines = sorted([*(line for line in old if not rows(line)), *fresh], key=lambda line: places[_place(line)])
     return "".join(json.dumps(line, sort_keys=True, separators=(",", ":")) + "\n" for line in lines)
 

@@ -165,9 +165,11 @@ def replay(folder, rng):
     """Three seeds of each row, drawn, against a reference of the others; of rows that do not draw, the same three."""
     rows = SEEDS["native"]
     drawn = {row: rng.sample(range(len(rows[row]["PSNR"])), len(rows[row]["PSNR"])) for row in rows}
-    few = {row for row in rows if len(drawn[row]) <= 3}
-    base = jobs(rows, {row: places if row in few else places[3:] for row, places in drawn.items()})
-    new = jobs(rows, {row: places[:3] for row, places in drawn.items()})
+    of_base, of_new = {}, {}
+    for row, places in drawn.items():
+        of_new[row] = places[:3]
+        of_base[row] = places[3:] if len(places) > 3 else places
+    base, new = jobs(rows, of_base), jobs(rows, of_new)
     return compare(written(folder / "base.jsonl", base), written(folder / "new.jsonl", new))
 
 

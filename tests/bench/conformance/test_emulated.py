@@ -27,9 +27,9 @@ CODECS = sorted(PROJECT["entry-points"]["neubtf_bench.codecs"])
 SMALL = {"steps": 4, "batch": 32, "patch": 2, "channels": 2, "latents": 2, "components": 2, "fine": 2, "coarse": 2}
 SMALL |= {"slices": 2}
 # Every recipe of every codec; the word after the name is the recipe.
-RECIPES = [
-    " ".join([name, *recipe]) for name in CODECS for recipe in ([], *([each] for each in load_codec(name).recipes))
-]
+RECIPES = []
+for _name in CODECS:
+    RECIPES += [_name, *(f"{_name} {recipe}" for recipe in load_codec(_name).recipes)]
 
 
 def test_it_refuses_what_cuda_refuses(gpu: torch.device) -> None:

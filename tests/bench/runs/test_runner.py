@@ -126,7 +126,12 @@ def test_a_failure_is_a_record_and_is_retried_only_when_asked(tmp_path, monkeypa
 def test_what_is_spoiled_in_the_cache_is_fitted_anew(suffix, spoil, tmp_path, caplog):
     job = outcomes(tmp_path)[0].record
     path = (tmp_path / job["file"]).with_suffix(suffix)
-    path.unlink() if spoil == "gone" else path.write_bytes(path.read_bytes()[:-10] if spoil == "cut" else b"[1]")
+    if spoil == "gone":
+        path.unlink()
+    elif spoil == "cut":
+        path.write_bytes(path.read_bytes()[:-10])
+    else:
+        path.write_bytes(b"[1]")
     again = outcomes(tmp_path)[0]
     assert (again.record["status"], again.cached) == ("ok", "") or again.cached == "record"
     assert container.read_header(tmp_path / job["file"]).sha256 == job["score_key"]["sha256"]

@@ -34,10 +34,9 @@ def test_latents_start_at_whitened_principal_components(btf: BTF, memory_limit: 
     turn = latents.numpy().T @ truth / (COMPONENT_SPREAD * 64)
     np.testing.assert_allclose(np.abs(turn), np.eye(3), atol=0.02)
     torch.testing.assert_close(latents.mean(0), torch.zeros(3), atol=1e-5, rtol=0)
-    mixed, alone, noise = (
-        first_latents(samples, 3, start, Fit().generator()) / spread
-        for start, spread in (("mixed", MIXED_SPREAD), ("components", COMPONENT_SPREAD), ("random", RANDOM_SPREAD))
-    )
+    mixed = first_latents(samples, 3, "mixed", Fit().generator()) / MIXED_SPREAD
+    alone = first_latents(samples, 3, "components", Fit().generator()) / COMPONENT_SPREAD
+    noise = first_latents(samples, 3, "random", Fit().generator()) / RANDOM_SPREAD
     torch.testing.assert_close(mixed, alone + noise)
 
 

@@ -14,10 +14,13 @@ SHAPE = (4, 5)
 
 
 def factors(rng, fmf=False, rank=3):
-    rows = 3 * 6 if fmf else 6
-    return [
-        (rng.standard_normal((rows, rank)) * 0.5, rng.standard_normal((20, rank)) * 0.5) for _ in range(1 if fmf else 3)
-    ]
+    rows, matrices = (3 * 6, 1) if fmf else (6, 3)
+    made = []
+    for _ in range(matrices):
+        u = rng.standard_normal((rows, rank)) * 0.5
+        sv = rng.standard_normal((20, rank)) * 0.5
+        made.append((u, sv))
+    return made
 
 
 def decoded(model, given, fmf, dtype):
