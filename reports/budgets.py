@@ -73,20 +73,22 @@ def budgets_table(run: Run) -> Iterator[Table]:
     kinds = by_kind(result.surfaces)  # the names of surfaces by kind
     tables = list[Table]()
     for kind, surfaces in kinds.items():
-        tables += _table_of_surfaces(run, result, points, surfaces, kind)
+        tables += _table_of_surfaces(result, points, surfaces, kind)
     if len(kinds) > 1:  # of a single kind, the table over all would be the same
-        tables += _table_of_surfaces(run, result, points, list(result.surfaces), "")
+        tables += _table_of_surfaces(result, points, list(result.surfaces), "")
     if tables:  # notes common to them stand once, below the last
-        tables[-1].notes.extend([_READ, *_common(run, result)])
+        notes = [_READ, *_common(run, result)]
+        untimed = _untimed(result)
+        if untimed:
+            notes.append(f"Not timed, so within no time: {'; '.join(untimed)}.")
+        tables[-1].notes.extend(notes)
     yield from tables
 
 
-def _table_of_surfaces(
-    run: Run, result: Budgets, points: Points, surfaces: Sequence[str], kind: str
-) -> Iterator[Table]:
+def _table_of_surfaces(result: Budgets, points: Points, surfaces: Sequence[str], kind: str) -> Iterator[Table]:
     """The table over some surfaces, if a line has a value there; else none.
 
-    `kind` is the kind of these surfaces, "" for all. Reads stored slices to find which lines are told apart.
+    `kind` is the kind of these surfaces, "" for all.
     """
     # By budget, then by line: the reading of a cell.
     columns = {budget: _column(result, points, budget, surfaces) for budget in result.limits}
@@ -97,7 +99,7 @@ def _table_of_surfaces(
     if len(surfaces) >= FEWEST:  # on fewer surfaces the test tells nothing apart
         for budget in columns:
             if budget.kind != BYTES:  # the test compares rungs, but values at a size are read between rungs
-                told_apart[budget] = result.told_apart(run, budget, surfaces)
+                told_apart[budget] = result.told_apart(budget, surfaces)
 
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []  # a number for each cell, by which the best of a column is marked
@@ -467,6 +469,23 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
         excluded.append(f"{_by_suite(run, result.unlike)} ({first_rows}), not comparable with {beside(run)}")
     if excluded:
         yield f"Left out: {'; '.join(excluded)}."
+
+
+def _untimed(result: Budgets) -> list[str]:
+    """The settings without a time of a query, of lines that have times of others."""
+    times = result.times.get(EAGER, {})
+    found = []
+    for by_label in result.rungs.values():
+        untimed, timed = [], 0
+        for label, by_material in by_label.items():
+            jobs = list(chain.from_iterable(by_material.values()))
+            if any(job["job"] in times for job in jobs):
+                timed += 1
+            else:
+                untimed.append(label)
+        if timed:
+            found += untimed
+    return found
 
 
 def _machines(run: Run) -> list[str]:

@@ -8,6 +8,7 @@ Differences of curves are Bjøntegaard's, from video coding. `bench.compare.choo
 A *footprint* is the side of the square of texels that a pixel covers.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
 
@@ -34,6 +35,7 @@ from reports.table import Table, best_cells
 
 FOOTPRINTS = ("1", "2", "4", "8")  # texels a side of a pixel, as records name them
 AGREE_AT = 32  # bits a texel at which three metrics are set beside each other
+_NEVER = "∞"  # a BD-rate: no number of bytes is enough
 _DIGITS = {PSNR: 1, SSIM: 3, FLIP: 3}  # decimals in cells, by metric
 
 
@@ -75,8 +77,9 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
         rates[line] = _median_rate(by_surface, anchor)
         kind_means[line] = []
         for names in kinds.values():
-            measured_gaps = [gaps[name][0] for name in names if name in gaps]
-            kind_means[line].append(average(measured_gaps))
+            # A mean over fewer surfaces than the header says would not compare with the others.
+            every_gap = [gaps[name][0] for name in names] if gaps.keys() >= set(names) else []
+            kind_means[line].append(average(every_gap))
 
     # Then a row for each line. `scores` has a number for each cell, by which the best of a column is marked.
     rows: list[list[str]] = []
@@ -92,7 +95,7 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
         values = [None, *kind_means[line]]
         cells += [_signed(summary.median), _signed(summary.mean), interval]
         values += [summary.median, summary.mean, None]
-        cells += [f"{summary.won} of {summary.surfaces}", NONE if rate is None else f"{signed(100 * rate, 0)} %"]
+        cells += [f"{summary.won} of {summary.surfaces}", _rate_cell(rate)]
         values += [summary.won, None if rate is None else -rate]  # fewer bytes are better
         rows.append(cells)
         scores.append(values)
@@ -106,16 +109,19 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
         told_apart = f"None is told apart: that takes {FEWEST} surfaces."
     notes = [
         "BD-PSNR: the mean gap in dB at equal bytes, over the bytes that both codecs reach. BD-rate: the mean gap in "
-        f"bytes at equal dB; less than 0 takes fewer bytes. {told_apart}"
+        f"bytes at equal dB; less than 0 takes fewer bytes; {_NEVER}: on half of the surfaces or more, no file of the "
+        f"codec is as good as the smallest of {AGAINST}. {told_apart}"
     ]
     title = f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR"
     return Table("curves", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
 def _median_rate(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Sequence[Point]]) -> float | None:
-    """The median of BD-rate over the surfaces where both lines reach common values; None if there are none.
+    """The median of BD-rate over the surfaces where both lines have curves; None if there are none.
 
-    Both lines are given as the points of their curves by surface. The rate is a share: −0.1 is 10 % fewer bytes.
+    Both lines are given as the points of their curves by surface. The rate is a share: −0.1 is 10 % fewer bytes. A
+    surface on which one line is above all that the other reaches counts with −1 or infinity, and not at all if both
+    lines are level there, at what a display shows.
     """
     rates = []
     # Only surfaces where both have a curve; the order does not matter to a median.
@@ -128,6 +134,15 @@ def _median_rate(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Seq
         if rate is not None:
             rates.append(rate)
     return median(rates) if rates else None
+
+
+def _rate_cell(rate: float | None) -> str:
+    """A BD-rate, a share, as a cell in per cent."""
+    if rate is None:
+        return NONE
+    if math.isinf(rate):
+        return _NEVER
+    return f"{signed(100 * rate, 0)} %"
 
 
 def _metrics(points: Points, surfaces: Sequence[str]) -> Table:

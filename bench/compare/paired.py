@@ -81,10 +81,10 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
         label = shown_label(job)
         if job["status"] == "ok" and label in jobs:
             jobs[label][job["material"], job["seed"]] = job
-    return against_jobs(run.folder, first, jobs)
+    return _against_jobs(run.folder, first, jobs)
 
 
-def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Job]]) -> Against:
+def _against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Job]]) -> Against:
     """As `against`, for jobs that are given by name, then by material and seed; slices are read in their folder."""
     ours = jobs[first]
 
@@ -113,14 +113,32 @@ def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str,
 
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
-    """The differences to a codec named beforehand, with whether each is told apart: by Holm's correction (1979)."""
-    told = set()
-    for place, label in enumerate(sorted(over, key=lambda label: over[label].chance)):
-        limit = FALSE / (len(over) - place)  # after Holm: over the number of those not yet told apart
-        if not over[label].chance <= limit:  # also if it is no number
+    """The differences to a codec named beforehand, with whether each is told apart: by Holm's correction."""
+    told = chosen_by_holm({label: each.chance for label, each in over.items()})
+    return {label: replace(each, apart=label in told) for label, each in over.items()}
+
+
+def chosen_by_holm(chances: Mapping[str, float]) -> set[str]:
+    """The labels that are told apart, by Holm's correction (1979). `chances` has, by label, the probability of so large
+    a difference between equal codecs."""
+    told: set[str] = set()
+    for label in sorted(chances, key=lambda label: chances[label]):
+        limit = FALSE / (len(chances) - len(told))  # after Holm: over the number of those not yet told apart
+        if not chances[label] <= limit:  # also if it is no number
             break  # none with a larger chance is told apart either
         told.add(label)
-    return {label: replace(each, apart=label in told) for label, each in over.items()}
+    return told
+
+
+def chance_if_equal(differences: np.ndarray) -> float:
+    """The probability that equal codecs differ as much in the mean over materials; `differences` (materials,) in dB.
+
+    By Student's t; 1 for fewer than `FEWEST` materials, which say nothing about others.
+    """
+    if len(differences) < FEWEST:
+        return 1.0
+    _, chance = _student_interval(differences)
+    return chance
 
 
 def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) -> Interval | None:
@@ -164,18 +182,15 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     for of_seeds in by_material.values():
         of_materials.append(np.mean([cell.differences.mean() for cell in of_seeds]))
     means = np.array(of_materials)  # (materials,) in dB
-    chance = 1.0
     if len(means) > 1:
-        reach, chance_if_equal = _student_interval(means)
+        reach, _ = _student_interval(means)
         low, high = means.mean() - reach, means.mean() + reach
-        if len(means) >= FEWEST:
-            chance = chance_if_equal
     else:
         # One material says nothing of others, so the interval is of its pairs and fits alone.
         low, high = np.percentile(_bootstrap_means(cells, draws), [2.5, 97.5])
     seeds = max(len(of_seeds) for of_seeds in by_material.values())
     slices = sum(len(cell.differences) for cell in cells)
-    return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance)
+    return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance_if_equal(means))
 
 
 def _student_interval(means: np.ndarray) -> tuple[float, float]:

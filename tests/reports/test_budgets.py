@@ -123,6 +123,16 @@ def test_times_that_tell_codecs_apart_on_three_surfaces_are_marked(made):
     assert "Holm's correction over the column" in told
     column = table.headers.index(("4 × floor", "eager"))
     assert table.rows[1][column] == "25.0*"
+    assert not any("Not timed" in note for note in table.notes)
+
+
+def test_settings_that_were_not_timed_are_named(made):
+    for label in ("pca components=1", "pca components=2"):
+        scores = {"heldout": made._group(25.0), "validation": made._group(25.0)}
+        made.job(label, "satin", bytes={"total": 8 * SIZE}, scores=scores, psnr=25.0)
+    made.timing("pca components=1", "satin", ratio_interval95=[3.0, 3.5])
+    (table,) = TABLES["budgets"](load_run(made.folder))
+    assert "Not timed, so within no time: pca components=2." in table.notes
 
 
 def test_ranks_are_of_three_surfaces_and_name_who_is_not_told_apart(made):

@@ -36,6 +36,21 @@ def test_differences_are_shown_with_median_interval_surfaces_and_bytes(tmp_path)
     assert float(low.replace("−", "-")) < 1.8 < float(high)
 
 
+def test_a_codec_that_never_comes_to_the_others_quality_takes_more_bytes_than_any(tmp_path):
+    """On two of three surfaces it stays below; on the third it is level. And no kind has a mean over a part of it."""
+    jobs = []
+    for material, behind in (("satin", -25.0), ("rock", -25.0), ("wool", 0.0)):
+        jobs += rungs("neubtf-direct", material, 0.0)
+        jobs += rungs("pca", material, behind)
+        if material != "rock":
+            jobs += rungs("vq", material, -1.0)
+    (against, *_) = tables(tmp_path, *jobs)
+    rates = {row[0]: row[-1] for row in against.rows}
+    assert rates["pca"] == "∞"
+    measured = against.headers.index(("measured, 3", "dB ↑"))
+    assert {row[0]: row[measured] for row in against.rows} == {"vq": "—", "pca": "−16.7"}
+
+
 def test_nothing_is_told_apart_on_few_surfaces(tmp_path):
     (against, *_) = tables(tmp_path, *rungs("neubtf-direct", "satin", 0.0), *rungs("neumip", "satin", 9.0))
     assert "None is told apart: that takes 10 surfaces." in against.notes[0]

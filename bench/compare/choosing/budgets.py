@@ -11,9 +11,11 @@ from itertools import chain
 from statistics import fmean
 from typing import NamedTuple, cast
 
+import numpy as np
+
 from bench.codecs.alike import obstacles
 from bench.compare.choosing import NEAR_DB, Limits, Rung, best_rung, fused_times, has_validation, validation_of
-from bench.compare.paired import AGAINST, against_jobs
+from bench.compare.paired import AGAINST, chance_if_equal, chosen_by_holm
 from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks
 from bench.metrics import direction_of, stats_of
@@ -103,18 +105,21 @@ class Budgets:
                 return budget, near
         return None
 
-    def told_apart(self, run: Run, budget: Budget, materials: Collection[str]) -> set[str]:
-        """The lines with a rung on each material whose paired differences tell them apart from `AGAINST`."""
-        jobs: dict[str, dict[tuple[str, int], Job]] = {}
+    def told_apart(self, budget: Budget, materials: Collection[str]) -> set[str]:
+        """The lines with a rung on each material whose differences over these tell them apart from `AGAINST`.
+
+        It tests the numbers whose mean the table shows, material by material: PSNR that counts at most `CAP_DB`.
+        """
+        scores: dict[str, np.ndarray] = {}  # by line: (materials,) in dB
         for line, rungs in self.picks(budget, materials).items():
-            jobs[line] = {}
-            for rung in rungs.values():
-                for job in rung.of:
-                    jobs[line][job["material"], job["seed"]] = job
-        if AGAINST not in jobs:  # nothing to compare with
+            scores_of_line = [capped(mean_test_score(rung, PSNR)) for rung in rungs.values()]
+            measured = [score for score in scores_of_line if score is not None]
+            if len(measured) == len(scores_of_line):
+                scores[line] = np.array(measured)
+        if AGAINST not in scores:  # nothing to compare with
             return set()
-        over = against_jobs(run.folder, AGAINST, jobs).over
-        return {line for line, difference in over.items() if difference.apart}
+        anchor = scores.pop(AGAINST)
+        return chosen_by_holm({line: chance_if_equal(values - anchor) for line, values in scores.items()})
 
     def ranks(self) -> Ranks | None:
         """The mean ranks at `ENOUGH` of the lines with a rung on every material."""
@@ -122,7 +127,7 @@ class Budgets:
         for line, rungs in self.picks(ENOUGH, self.surfaces).items():
             scores_of_line = []
             for rung in rungs.values():
-                score = mean_test_score(rung, PSNR)
+                score = capped(mean_test_score(rung, PSNR))
                 scores_of_line.append(0.0 if score is None else score)  # without a score a line comes last
             scores[line] = scores_of_line
         return ranks(scores)

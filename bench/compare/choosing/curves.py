@@ -6,10 +6,15 @@ the logarithm of bytes; they are shown with their scores of test pairs, and join
 best rung a curve goes on level to the largest that was measured, since a file may be smaller than it may be; it is
 never extrapolated. Two curves are compared over the range that both have, by Bjøntegaard's differences (VCEG-M33,
 2001): BD-PSNR is the mean gap in dB over log bytes, BD-rate the mean gap in log bytes over dB.
+
+PSNR counts at most `CAP_DB`. That limit cuts off what is read off a curve, not the rungs that it joins: else a rung far
+above the limit would pull down the line that leads to it.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from statistics import fmean
 from typing import NamedTuple
 
@@ -35,17 +40,32 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class Curve:
-    """Values over sizes, which ascend: log2 of bits a texel, and a metric."""
+    """Values over sizes, which ascend: log2 of bits a texel, and a metric, which counts at most `most`."""
 
     sizes: Sequence[float]
     values: Sequence[float]
+    most: float = math.inf
 
     def at(self, bits: float) -> float | None:
-        """The value at so many bits a texel; None where the curve does not reach."""
+        """The value at so many bits a texel, at most `most`; None where the curve does not reach."""
         size = float(np.log2(bits))
         if not self.sizes[0] <= size <= self.sizes[-1]:
             return None
-        return float(np.interp(size, self.sizes, self.values))
+        return min(float(np.interp(size, self.sizes, self.values)), self.most)
+
+    def cut_off(self) -> "_Line":
+        """The curve as it counts: level at `most` where it is above, with a point where it crosses that."""
+        sizes, values = [self.sizes[0]], [min(self.values[0], self.most)]
+        points = zip(self.sizes, self.values, strict=True)
+        for (last_size, last_value), (size, value) in pairwise(points):
+            crosses = min(last_value, value) < self.most < max(last_value, value)
+            if crosses:
+                share = (self.most - last_value) / (value - last_value)  # of the way from the last point to this
+                sizes.append(last_size + share * (size - last_size))
+                values.append(self.most)
+            sizes.append(size)
+            values.append(min(value, self.most))
+        return _Line(sizes, values)
 
 
 Points = Mapping[str, Mapping[str, Sequence[Point]]]  # by line and surface
@@ -130,8 +150,8 @@ def curve_of(
 ) -> Curve | None:
     """The curve of a metric's family over test pairs, means over seeds; of seeds drawn with replacement, if asked.
 
-    With a `footprint` in texels, of PSNR averaged over boxes of that side. PSNR counts at most `CAP_DB`. None if a job
-    lacks the metric.
+    With a `footprint` in texels, of PSNR averaged over boxes of that side. PSNR is cut off at `CAP_DB` where the curve
+    is read. None if a job lacks the metric.
     """
     values = list[float]()
     for place, point in enumerate(points):
@@ -147,11 +167,9 @@ def curve_of(
         measured = [float(mean) for mean in means if mean is not None]
         if len(measured) < len(jobs):
             return None
-        value = fmean(measured)
-        if family == PSNR:
-            value = min(value, CAP_DB)
-        values.append(value)
-    return Curve([point.size for point in points], values)
+        values.append(fmean(measured))
+    most = CAP_DB if family == PSNR else math.inf
+    return Curve([point.size for point in points], values, most)
 
 
 def _mean_of(job: Job, family: str, footprint: str) -> float | None:
@@ -173,20 +191,28 @@ class _Line(NamedTuple):
 
 def bd_psnr(ours: Curve, theirs: Curve) -> float | None:
     """The mean of our values minus theirs, over the log bytes that both curves have; None if they share none."""
-    return _mean_gap(_Line(ours.sizes, ours.values), _Line(theirs.sizes, theirs.values))
+    return _mean_gap(ours.cut_off(), theirs.cut_off())
 
 
 def bd_rate(ours: Curve, theirs: Curve) -> float | None:
     """By which share our bytes differ from theirs, a mean over the values that both curves have: −0.2 is 20 % fewer.
 
-    A point of test pairs below that of a smaller file counts as high as this one. None if they share no values.
+    A point of test pairs below that of a smaller file counts as high as this one. Where they share no values, no number
+    of bytes makes the lower curve as good as the higher: the share is −1 if ours is the higher, and else infinite. None
+    if all that they share is one value, such as that at which both are cut off.
     """
     lines = []  # of log bytes over values
     for curve in (ours, theirs):
-        highest = np.maximum.accumulate(curve.values).tolist()
+        sizes, values = curve.cut_off()
+        highest = np.maximum.accumulate(values).tolist()
         reached = highest.index(highest[-1]) + 1  # so many points; more bytes add nothing from the last of them on
-        lines.append(_Line(highest[:reached], curve.sizes[:reached]))
-    gap = _mean_gap(*lines)
+        lines.append(_Line(highest[:reached], sizes[:reached]))
+    our_line, their_line = lines
+    if our_line.x[0] > their_line.x[-1]:
+        return -1.0
+    if their_line.x[0] > our_line.x[-1]:
+        return math.inf
+    gap = _mean_gap(our_line, their_line)
     if gap is None:
         return None
     return float(2**gap - 1)  # from log2 of the ratio of bytes
@@ -298,13 +324,25 @@ def _difference(
 
 def summarised(by_surface: dict[str, list[float]]) -> Summary:
     """The summary of what `differences` gives by surface; the interval is of surfaces and seeds drawn with
-    replacement."""
+    replacement.
+
+    Draws of a few surfaces scatter less than new surfaces would, so the percentiles lie further out than 2.5 and 97.5:
+    as far as Student's t does (Hesterberg, "What teachers should know about the bootstrap", The American Statistician
+    69(4), 2015, the expanded percentile interval).
+    """
+    from scipy.special import ndtr, stdtrit  # slow to import, and needed only here
+
     values = np.array(list(by_surface.values()))  # (surfaces, 1 + DRAWS)
     measured, drawn = values[:, 0], values[:, 1:]
     rng = np.random.default_rng(0)
     # Each resample draws as many surfaces as there are, and of each of these one draw of its seeds.
     surfaces = rng.integers(0, len(values), (RESAMPLES, len(values)))
     seeds = rng.integers(0, drawn.shape[1], surfaces.shape)
-    low, high = np.percentile(drawn[surfaces, seeds].mean(1), [2.5, 97.5])
+    means = drawn[surfaces, seeds].mean(1)
+    tail = 2.5  # per cent below and above the interval; of a single surface, whose seeds alone are drawn
+    count = len(values)
+    if count > 1:
+        tail = 100 * float(ndtr(-stdtrit(count - 1, 0.975) * math.sqrt(count / (count - 1))))
+    low, high = np.percentile(means, [tail, 100 - tail])
     won = int((measured > 0).sum())
     return Summary(float(measured.mean()), float(np.median(measured)), won, len(values), float(low), float(high))

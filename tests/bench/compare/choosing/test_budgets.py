@@ -114,6 +114,18 @@ def test_seeds_make_one_rung_of_their_means_that_fits_where_their_mean_bytes_do(
     assert (mean, picks(run, at)) == (25.0, {"a": "x=1", "b": "x=2"})
 
 
+def test_told_apart_by_the_numbers_of_the_table_with_or_without_stored_slices(tmp_path):
+    """Above what a display shows nothing counts: b is 5 dB ahead of the anchor there alone, and level with it below."""
+    jobs = []
+    for material, anchor in (("satin", 46.0), ("rock", 47.0), ("wool", 49.0), ("bark", 50.0)):
+        jobs.append(job("neubtf-direct", 10, 40.0, anchor, material=material))
+        jobs.append(job("a", 10, 40.0, anchor - 4.0, material=material))
+        jobs.append(job("b", 10, 40.0, anchor + 5.0 if anchor > 48.13 else anchor, material=material))
+    result = budgets(run_of(tmp_path / "run", *jobs))
+    assert result.told_apart(Budget(BYTES, 16), ["satin", "rock", "wool", "bark"]) == {"a"}
+    assert result.told_apart(Budget(BYTES, 16), ["satin", "rock"]) == set()
+
+
 def test_other_test_scores_change_no_choice(tmp_path):
     def jobs(sign):
         return [job(f"a x={i}", 900 * i, 30.0 + i % 3, 30.0 + sign * i) for i in range(5)]

@@ -80,10 +80,25 @@ def test_a_surface_counts_at_most_what_a_display_shows_and_seeds_by_their_mean(t
     jobs.append(at_bits("a x=4", 4, 20.0, 44.0, seed=1))
     run = run_of(tmp_path / "run", *jobs)
     points = points_of(run, "a")
-    assert curve_of(points).values == [42.0, CAP_DB, CAP_DB]
+    curve = curve_of(points)
+    assert curve.values == [42.0, 56.0, 60.0]
+    assert [curve.at(bits) for bits in (4, 8, 16)] == [42.0, CAP_DB, CAP_DB]
     assert curve_of(points, FLIP) is None  # a metric that a job lacks
     drawn = {curve_of(points, PSNR, np.random.default_rng(seed)).values[0] for seed in range(30)}
     assert drawn == {40.0, 42.0, 44.0}
+
+
+def test_a_rung_far_above_the_limit_does_not_pull_down_the_line_that_leads_to_it():
+    """Between a rung of 44 dB and one of 52, the curve counts 46 at a quarter of the way, and 48 from half of it on."""
+    limited = Curve([2.0, 4.0, 5.0], [44.0, 52.0, 40.0], most=48.0)
+    assert [limited.at(2**size) for size in (2.0, 2.5, 3.0, 3.5, 4.0)] == [44.0, 46.0, 48.0, 48.0, 48.0]
+    assert limited.cut_off() == ([2.0, 3.0, 4.0, pytest.approx(4 + 1 / 3), 5.0], [44.0, 48.0, 48.0, 48.0, 40.0])
+    level = Curve([2.0, 5.0], [44.0, 44.0], most=48.0)
+    sizes = np.linspace(2, 5, 300_001)
+    gap = np.minimum(np.interp(sizes, limited.sizes, limited.values), 48.0) - 44.0
+    assert bd_psnr(limited, level) == pytest.approx(gap.mean(), abs=1e-4)
+    # From 44 to 48 dB it takes 2 to 3, the other 3 to 4: half as many bytes.
+    assert bd_rate(limited, Curve([3.0, 5.0], [44.0, 52.0], most=48.0)) == pytest.approx(-0.5)
 
 
 def test_differences_are_means_over_what_both_curves_reach():
@@ -106,7 +121,10 @@ def test_a_curve_that_is_higher_or_half_as_large_everywhere_is_so_by_that():
     assert bd_rate(dips, dips) == pytest.approx(0.0)
     far = Curve([7.0, 8.0], [40.0, 41.0])
     assert bd_psnr(far, OURS) is None
-    assert bd_rate(far, OURS) is None
+    # No file of the lower curve is as good as the smallest of the higher.
+    assert (bd_rate(far, OURS), bd_rate(OURS, far)) == (-1.0, float("inf"))
+    at_the_limit = Curve([2.0, 3.0], [50.0, 52.0], most=48.0)
+    assert bd_rate(at_the_limit, at_the_limit) is None  # level at one value, which says nothing of bytes
 
 
 def test_a_summary_has_an_interval_over_surfaces_and_tells_apart_only_with_enough_of_them(tmp_path):
@@ -120,9 +138,20 @@ def test_a_summary_has_an_interval_over_surfaces_and_tells_apart_only_with_enoug
     found = summarised(mixed)
     assert found.low < 0 < found.high
     assert not found.apart
-    # The mean of 12 values of standard deviation 0.5: ± 1.96 · 0.5 / √12. Means of 12 such values have steps of 1/12.
-    assert found.high - found.mean == pytest.approx(1.96 * 0.5 / 12**0.5, abs=1 / 24)
+    # Student's t of 11 degrees of freedom is 2.2, of the standard error 0.52 / √12. Means of 12 such values have steps
+    # of 1/12.
+    assert found.high - found.mean == pytest.approx(2.2 * 0.52 / 12**0.5, abs=1 / 24)
     assert found.won == 6
+
+
+def test_the_interval_holds_the_truth_of_ten_surfaces_in_19_of_20_cases():
+    """Percentiles of 2.5 and 97.5 of drawn means would in 178 of 200."""
+    rng = np.random.default_rng(0)
+    held = 0
+    for _ in range(200):
+        found = summarised({str(number): [value, value] for number, value in enumerate(rng.standard_normal(10))})
+        held += found.low <= 0 <= found.high
+    assert 184 <= held <= 196
 
 
 def test_the_interval_of_one_surface_comes_from_draws_of_its_seeds(tmp_path):
