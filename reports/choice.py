@@ -103,7 +103,7 @@ class Choice:
             headers += table.headers[table.words :]
         for column in self.columns:
             if not any(_matches(column, header) for header in headers):
-                columns_of_tables = "; ".join(dict.fromkeys(map(_name_and_unit, headers)))
+                columns_of_tables = "; ".join(dict.fromkeys(map(_name_and_unit, headers))) or "none"
                 raise InputError(f"--column {column}: no such column: there are {columns_of_tables}")
         cut_tables = [self._cut(table) for table in tables]
         return [table for table in cut_tables if table]

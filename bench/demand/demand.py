@@ -98,8 +98,9 @@ class Demand:
             np.savez_compressed(file, about=np.frombuffer(text.encode(), np.uint8), **stored)
 
 
-def load(path: Path) -> Demand:
+def load(path: str | Path) -> Demand:
     """Read a file of `Demand.save`. `InputError` if it is not a demand, is empty, or has values that no scene makes."""
+    path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: there is no such file: check the path")
     try:

@@ -4,6 +4,7 @@ A demand holds the queries that the pictures of a scene make of a material. The 
 the light that a white diffuser in the material's place would send to the camera.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from bench.directions.hemisphere import to_degrees
 from bench.files.atomic import replacing
 from bench.metrics.display import exposure_of, to_display
 
-COVERAGE = 64  # cells along each side of the map of visible texture
+COVERAGE = 64  # most cells along each side of the map of visible texture
+POINTS_A_CELL = 8  # visible points for each cell: evenly spread, they leave one of 3,000 cells empty
 PERCENTILES = (1, 50, 99)
 ALBEDO = 0.5  # of the white diffuser that frames are shown with
 
@@ -78,11 +80,14 @@ def _percentiles(values: Array, share: Array) -> tuple[float, ...]:
 
 
 def _coverage(demand: Demand) -> Array:
-    """The share (`COVERAGE`, `COVERAGE`) of the demand in each cell of a square texture, row 0 on top; a query counts
-    in the cell that holds its centre."""
+    """The share of the demand in each cell of a square texture, row 0 on top; a query counts in the cell that holds its
+    centre. There are `COVERAGE` cells a side, or fewer if the sample is too small to fill them."""
     uv = demand.uv((1, 1))  # of any square texture
     col, row = uv[:, 0], 1 - uv[:, 1]
-    return np.histogram2d(row, col, COVERAGE, [[0, 1], [0, 1]], weights=demand.importance)[0]
+    # A query a light is made at each visible point; a few points leave cells empty that the scene shows.
+    points = len(np.unique(demand.pixel))
+    side = min(COVERAGE, max(1, math.isqrt(points // POINTS_A_CELL)))
+    return np.histogram2d(row, col, side, [[0, 1], [0, 1]], weights=demand.importance)[0]
 
 
 def draw(demand: Demand, path: Path) -> None:

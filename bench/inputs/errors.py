@@ -163,6 +163,12 @@ def readable(label: str, remedy: str = "the file is damaged; get it again") -> I
         yield
     except (InputError, MemoryError):  # the first has a message of its own; for the second the bytes are not to blame
         raise
+    except (FileNotFoundError, IsADirectoryError) as error:
+        if str(error.filename) != label:  # another file than the one that the user gave
+            raise InputError(f"{label}: cannot be read ({error}): {remedy}") from error
+        if isinstance(error, IsADirectoryError):
+            raise InputError(f"{label}: it is a folder: give a file") from error
+        raise InputError(f"{label}: there is no such file: check the path") from error
     # For hostile bytes decoders raise many types, from struct.error to tokenize.TokenError; no list is complete.
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__

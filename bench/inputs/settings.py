@@ -258,7 +258,7 @@ def _allowed_in_words(kind: Any) -> str:
         any_number = others == [...]  # `tuple[X, ...]`
         count = "" if any_number else f"{1 + len(others)} "
         return f"a list of {count}values, each {_allowed_in_words(first)}"
-    words = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
+    words = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a text"}
     allowed = words.get(plain, "a table")  # a dataclass
     return allowed if limits == Range() else f"{allowed} {limits}"
 

@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.inputs.errors import InputError
+
 if TYPE_CHECKING:
     import torch
 
@@ -18,6 +20,18 @@ def present(device: "torch.device | str") -> bool:
     import torch
 
     return not is_gpu(device) or bool(torch.get_device_module(device).is_available())
+
+
+def require_present(name: str, option: str) -> None:
+    """Raise an `InputError`, which names the option, if PyTorch does not know a device of this name, or finds none."""
+    import torch
+
+    try:
+        here = present(torch.device(name))
+    except RuntimeError:
+        raise InputError(f"{option} {name}: no such device: use cpu or cuda") from None
+    if not here:
+        raise InputError(f"{option} {name}: PyTorch finds no such device here; use cpu")
 
 
 def device_name(device: "torch.device | str") -> str:

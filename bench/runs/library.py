@@ -32,6 +32,7 @@ from bench.demand.demand import load as load_demand
 from bench.demand.frame_scorer import FrameScorer, table_of
 from bench.files import atomic
 from bench.inputs.errors import InputError
+from bench.machine.devices import require_present
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.records import ARTEFACT, Job, SceneModel, field_names
@@ -78,6 +79,7 @@ def encode(
         raise InputError(f"bench.encode: give a BTF, not {_wrong_type(btf)}: bench.open(name) opens one")
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
+    require_present(device, "device")
     instance = _codec_instance(codec, settings)
     scene_demand = _load_demand_if_given(demand)
     if scene_demand is not None and not instance.scene:
@@ -156,6 +158,9 @@ def encode_for_scene(
     The full model is fitted first; the rest as in `encode`. `InputError` says what is wrong with the demand or the
     codec.
     """
+    if not isinstance(scene, SceneGoal):
+        raise InputError(f"bench.encode_for_scene: give a bench.SceneGoal(demand), not {_wrong_type(scene)}")
+    require_present(device, "device")
     instance = _codec_instance(codec, settings)
     if isinstance(scene.demand, Demand):
         demand = scene.demand
@@ -181,6 +186,7 @@ def encode_for_scene(
 
 def load(file: str | Path, device: str = "cpu") -> Material:
     """The material that a codec file holds. `ContainerError` says what is wrong with the file."""
+    require_present(device, "device")
     return loading.load(Path(file), device).material
 
 
@@ -205,6 +211,7 @@ def score(
         given = f"not {_wrong_type(decoded)}: arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
         raise InputError(f"bench.score: give a codec file, a folder, a material or a BTF, {given}")
     workbench = Workbench(btf, btf.name, demand=_load_demand_if_given(demand))
+    require_present(device, "device")
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
         loaded = loading.load(Path(decoded), device)
         _require_same_size(str(decoded), loaded.material.size, btf)

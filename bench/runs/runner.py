@@ -64,6 +64,8 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     `InputError` if the suite, its demand or the folder cannot be used; a job that fails only has a record of its error.
     """
     suite = canonical(suite)
+    if not suite.cells:
+        raise InputError(f"suite {suite.name}: it has no jobs: name at least one material and one codec")
     codecs, faults = _make_codecs(suite)  # bad settings stop here
     for codec in codecs:
         require_demand(codec, suite.demand)

@@ -34,7 +34,7 @@ from bench.codecs.registry import COMMAND, load_codec, make_codec
 from bench.data.kinds import kind_of
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
-from bench.inputs.errors import CodecError, InputError, did_you_mean, shown
+from bench.inputs.errors import CodecError, InputError, MissingDataError, did_you_mean, shown
 from bench.inputs.settings import Seed, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
 from bench.metrics import DEFAULTS, chosen_names, refuse_taken_names
 from bench.records import Job
@@ -186,12 +186,15 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     )
     labels = [spec.label for spec in suite.codecs]
     names = [spec.name for spec in suite.materials]
-    for names_of_a_kind in (labels, names):
-        twice = _first_repeated(names_of_a_kind)
+    of_kinds = (
+        ("codecs", labels, "leave one out"),
+        ("materials", names, "give one of them another name, as {name = …, path = …}"),
+        ("seeds", suite.seeds, "leave one out"),
+    )
+    for key, names_of_a_kind, remedy in of_kinds:
+        twice = _first_repeated(map(str, names_of_a_kind))
         if twice:
-            raise InputError(
-                f"{file}: {twice!r} appears twice: give one of them another name, as {{name = …, path = …}}"
-            )
+            raise InputError(f"{file}: {key}: {twice!r} appears twice: {remedy}")
     for spec in suite.codecs:
         foreign = set(spec.materials) - set(names)
         if foreign:
@@ -259,6 +262,21 @@ def with_changes(
     if seed is not None:
         suite = dataclasses.replace(suite, seeds=(seed,))
     return suite
+
+
+def require_materials(suite: Suite, key: str) -> None:
+    """Raise `InputError`, which begins with `key`, if a material is not to be found: before the first job rather than
+    hours later.
+
+    A material that is missing, but whose entry says where to get it, only leaves its jobs not available.
+    """
+    for spec in suite.materials:
+        try:
+            kind_of(spec).look_for(spec)
+        except MissingDataError:
+            continue
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from None
 
 
 def with_distinct_names(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
@@ -442,6 +460,8 @@ def _codec_specs(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         swept = {key: value for key, value in settings.items() if isinstance(value, list)}
         lists = [swept.get(key, [value]) for key, value in settings.items()]
         for key, values in zip(settings, lists, strict=True):
+            if not values:
+                raise InputError(f"{where}.{key} is an empty list: give at least one value, or leave it out")
             for value in values:
                 # Only checked here: a text, true or false, or else a number. The codec checks more.
                 value_type = type(value) if isinstance(value, str | bool) else float

@@ -173,6 +173,10 @@ def test_encoding_takes_a_name_with_settings_or_a_codec(folder, capsys):
         bench.encode(btf, made, "c.nbtf", components=4)
     with pytest.raises(InputError, match=r"data\.sise: no such setting of the data; did you mean 'size'"):
         bench.open("satin", sise=8)
+    with pytest.raises(InputError, match=r"bench.encode_for_scene: give a bench.SceneGoal\(demand\), not 'a.npz'"):
+        bench.encode_for_scene(tiny_btf(), "pca", "a.nbtf", "a.npz")
+    with pytest.raises(InputError, match="device quantum: no such device: use cpu or cuda"):
+        bench.load("a.nbtf", device="quantum")
     with pytest.raises(InputError, match=r"bench.encode: give a BTF, not 'satin': bench.open\(name\) opens one"):
         bench.encode("satin", "pca", "c.nbtf")
     with pytest.raises(InputError, match=r"bench.score: .* not an object of type ndarray: .* bench.from_arrays"):

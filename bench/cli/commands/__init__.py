@@ -17,7 +17,7 @@ from bench.codecs.registry import first_line
 from bench.files import atomic
 from bench.inputs.errors import InputError, visible, writable
 from bench.inputs.settings import Seed, Threads, converted
-from bench.machine.devices import present
+from bench.machine.devices import require_present
 
 if TYPE_CHECKING:
     from bench.runs.executors import Seats
@@ -131,14 +131,7 @@ def write_text(path: Path, text: str, remedy: str = "choose another place") -> N
 
 def usable_device(name: str) -> str:
     """The name of a device that PyTorch finds here; `InputError` for any other."""
-    import torch
-
-    try:
-        here = present(torch.device(name))
-    except RuntimeError:
-        raise InputError(f"--device {name}: no such device: use cpu or cuda") from None
-    if not here:
-        raise InputError(f"--device {name}: PyTorch finds no such device here; use cpu")
+    require_present(name, "--device")
     return name
 
 

@@ -29,7 +29,7 @@ from bench.inputs.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 from bench.records import load_run
 from bench.runs import executors, runner
 from bench.runs.executors import Seats
-from bench.runs.suite import described_changes, load_suite, with_changes, with_metrics
+from bench.runs.suite import described_changes, load_suite, require_materials, with_changes, with_metrics
 from reports import write_report
 
 
@@ -64,7 +64,9 @@ def run(options: argparse.Namespace) -> int:
     suite = with_metrics(suite, options.metric)
     if options.demand:
         suite = replace(suite, demand=options.demand)
-    # Run it. The workers of a scheduler are elsewhere, where other devices may be.
+    # Run it. The workers of a scheduler are elsewhere, where other devices and other data may be.
+    if not options.scheduler:
+        require_materials(suite, "--material" if options.material else f"{options.suite}: materials")
     folder = options.out or Path("runs") / suite.name
     device = options.device if options.scheduler else usable_device(options.device)
     seats = _workers(options, suite.threads)

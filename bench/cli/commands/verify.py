@@ -21,7 +21,7 @@ from tabulate import tabulate
 
 from bench.cli.commands import assignments, say_line, several
 from bench.cli.console import Console
-from bench.inputs.errors import FINE, NO, NOTHING, InputError, visible
+from bench.inputs.errors import FINE, NO, NOTHING, InputError, did_you_mean, visible
 from bench.records import FILE
 from bench.runs.archive import AGREES, DIFFERS, unpack, verify
 
@@ -46,6 +46,9 @@ def run(options: argparse.Namespace) -> int:
             submitted = unpack(options.archive, Path(scratch))
         except InputError as error:
             raise InputError(_naming_archive(str(error), scratch, options.archive)) from error
+        materials = {job["material"] for job in submitted.jobs}
+        for name in places.keys() - materials:
+            raise InputError(f"--material {name}: the archive has no such material{did_you_mean(name, materials)}")
         folder.mkdir(parents=True, exist_ok=True)
         verdicts = list(verify(submitted, folder, console.show, places))
     rows = []
@@ -56,10 +59,12 @@ def run(options: argparse.Namespace) -> int:
     counts = Counter(each.verdict for each in verdicts)
     counted = ", ".join(f"{count} {word}" for word, count in counts.items())
     print()
+    if not counts.keys() & {AGREES, DIFFERS}:
+        (folder / FILE).unlink(missing_ok=True)  # it has no job, and would keep the corrected command from this folder
+        say_line(f"{counted}; nothing was measured")
+        return NOTHING
     say_line(f"{counted}; measured here: {folder}")
-    if DIFFERS in counts:
-        return NO
-    return FINE if AGREES in counts else NOTHING
+    return NO if DIFFERS in counts else FINE
 
 
 def _naming_archive(message: str, scratch: str, archive: Path) -> str:

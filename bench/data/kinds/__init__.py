@@ -52,6 +52,13 @@ class Kind(ABC):
     def knows(self, spec: MaterialSpec) -> bool:
         """Whether a material is of this kind."""
 
+    def look_for(self, spec: MaterialSpec) -> None:
+        """Raise the `InputError` of a material that cannot be found, before anything is opened.
+
+        It is a `MissingDataError` where its entry in a suite says where to get it.
+        """
+        spec.there()
+
     @abstractmethod
     def open(
         self, spec: MaterialSpec, data: Preparation, show: "Progress", draw: int, path_tracer: LoadTracer | None

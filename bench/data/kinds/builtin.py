@@ -17,6 +17,12 @@ class BuiltIn(Kind):
     def knows(self, spec: MaterialSpec) -> bool:
         return not spec.path
 
+    def look_for(self, spec: MaterialSpec) -> None:
+        """Raise an `InputError` if no built-in material has this name."""
+        from bench.data.materials import refuse_unknown
+
+        refuse_unknown(spec.name)
+
     def open(
         self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
     ) -> BTF:

@@ -38,10 +38,15 @@ def describe() -> dict[str, str]:
     return {name: description for name, (_, description) in _REGISTRY.items()}
 
 
-def recipe(name: str) -> "Recipe":
-    """The recipe of a built-in material with its default parameters. Raises `InputError` for an unknown name."""
+def refuse_unknown(name: str) -> None:
+    """Raise an `InputError` if no built-in material has this name."""
     if name not in _REGISTRY:
         raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
+
+
+def recipe(name: str) -> "Recipe":
+    """The recipe of a built-in material with its default parameters. Raises `InputError` for an unknown name."""
+    refuse_unknown(name)
     location, _ = _REGISTRY[name]
     module, _, class_name = location.partition(":")  # "procedural:Satin"
     recipe_class = getattr(importlib.import_module(f"{__name__}.{module}"), class_name)

@@ -96,10 +96,18 @@ def test_a_limit_of_queries_casts_fewer_rays_with_the_picture_s_footprints():
     assert np.median(part.footprint) == pytest.approx(np.median(whole.footprint), rel=1e-3)
 
 
+def test_how_much_of_a_texture_is_seen_does_not_depend_on_the_number_of_queries():
+    """Seen from above, the texture repeats more than once in the picture, so all of it is seen."""
+    above = ABOVE[: ABOVE.index("[surface]")] + surface(size=[4, 4], repeat=[8, 8])
+    demand = demand_of(above + SUN)
+    for count in (100, 300, 800):
+        assert summarise(demand.thinned(count, np.random.default_rng(0))).coverage > 0.95
+
+
 def test_a_demand_is_read_as_it_was_written(tmp_path, capsys):
     demand = demand_of(ABOVE + LAMP + SUN)
     demand.save(tmp_path / "a.npz")
-    read = demands.load(tmp_path / "a.npz")
+    read = demands.load(str(tmp_path / "a.npz"))
     for name in ("place", "footprint", "weight", "pixel"):
         np.testing.assert_array_equal(getattr(read, name), getattr(demand, name))
     for name in ("wo", "wi"):

@@ -163,6 +163,9 @@ def test_a_material_is_opened_where_the_user_says(packed, tmp_path, capsys):
     options = ["--out", str(tmp_path / "out"), "--material", f"satin={tmp_path / 'satin.txt'}"]
     assert cli.main(["verify", str(archive), *options]) == 4
     assert "like no known BTF" in capsys.readouterr().out
+    # Nothing was measured, so the folder is free for the corrected command.
+    assert cli.main(["verify", str(archive), *options[:2], "--material", "silk=/none"]) == 2
+    assert "--material silk: the archive has no such material" in capsys.readouterr().err
 
 
 def test_answers_that_are_not_finite_are_said_to_be(packed, tmp_path, capsys, monkeypatch):
@@ -254,6 +257,13 @@ def test_what_is_no_archive_is_refused(tmp_path, capsys):
     (tmp_path / "a.zip").write_bytes(b"PK no")
     assert cli.main(["verify", str(tmp_path / "a.zip"), "--out", str(tmp_path / "out")]) == 2
     assert "cannot be read" in capsys.readouterr().err
+    for name, reason in (
+        ("none.zip", "there is no such file: check the path"),
+        ("folder", "it is a folder: give a file"),
+    ):
+        (tmp_path / "folder").mkdir(exist_ok=True)
+        assert cli.main(["verify", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2
+        assert f"{name}: {reason}" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

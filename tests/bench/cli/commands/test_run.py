@@ -57,6 +57,37 @@ def test_jobs_run_in_so_many_processes_of_the_threads_of_the_suite(tmp_path, cap
 
 
 @pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        ('"sattin"', "my.toml: materials: unknown material 'sattin'; did you mean 'satin'?"),
+        ('"none.npz"', "my.toml: materials: none.npz: there is no such file"),
+    ],
+)
+def test_a_material_that_is_not_there_stops_a_run_before_its_first_job(second, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my.toml").write_text(f'materials = ["satin", {second}]\n[[codecs]]\ncodec = "mean-colour"\n')
+    assert cli.main(["run", "my.toml", *SMALL]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_one_that_is_missing_but_says_where_to_get_it_only_leaves_its_jobs_out(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    cloth = '{name = "cloth", path = "none.npz", where = "ask for it"}'
+    (tmp_path / "my.toml").write_text(f'materials = ["satin", {cloth}]\n[[codecs]]\ncodec = "mean-colour"\n')
+    assert cli.main(["run", "my.toml", *SMALL]) == 0
+    assert "2 jobs: 1 ok; 1 not available" in capsys.readouterr().out
+
+
+def test_a_suite_without_jobs_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my.toml").write_text("")
+    assert cli.main(["run", "my.toml"]) == 2
+    assert "suite my: it has no jobs: name at least one material and one codec" in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--jobs", "-1"], "--jobs -1: must be at least 1"),
