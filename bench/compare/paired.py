@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.codecs.alike import obstacles
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
@@ -70,16 +71,20 @@ class Against:
 
 def against(run: Run, first: str, others: Iterable[str]) -> Against:
     """The mean differences in dB per slice between codecs of a run and `first`, by the labels that tables show, without
-    codecs that have nothing to compare, or whose slices cannot be read. `InputError` for a label that the run lacks."""
+    codecs that have nothing to compare, or whose slices cannot be read. `InputError` for a label that the run lacks.
+
+    Jobs that cannot stand beside the others, such as those on other data than published ones, do not count.
+    """
     others = list(others)
     known = dict.fromkeys(map(shown_label, run.jobs))
     for label in (first, *others):
         if label not in known:
             raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
     jobs: dict[str, dict[tuple[str, int], Job]] = {first: {}, **{label: {} for label in others}}
+    obstacle = obstacles(run.jobs, run.published)  # by name of job
     for job in run.jobs:
         label = shown_label(job)
-        if job["status"] == "ok" and label in jobs:
+        if job["status"] == "ok" and label in jobs and job["job"] not in obstacle:
             jobs[label][job["material"], job["seed"]] = job
     return _against_jobs(run.folder, first, jobs)
 

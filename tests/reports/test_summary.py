@@ -56,6 +56,19 @@ def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
     assert "1 of 2 told apart (*), by Holm's correction over the rows" in note
 
 
+def test_a_job_on_other_data_does_not_take_the_place_of_a_published_one_in_the_differences(run_maker, tmp_path):
+    maker = run_maker(tmp_path / "all").start("1", suite="all")
+    for material in ("satin", "brick"):
+        maker.job("neubtf-direct", material=material, run="1", psnr=30.0)
+        maker.job("pca", material=material, run="1", psnr=28.0)
+    published = maker.folder / "published.jsonl"  # beside the slices that it names
+    published.write_bytes((maker.folder / "records.jsonl").read_bytes())
+    own = run_maker(tmp_path / "own").start("2", suite="own").job("pca", run="2", psnr=10.0, btf="other")
+    text = table_text([published, own.folder], kind="summary")
+    (row,) = (line for line in text.splitlines() if line.startswith("pca "))
+    assert row.count("−2.00") == 1 + 3 + 3  # over both materials, then on each, with its interval
+
+
 def test_one_codec_timed_again_leaves_the_times_of_the_others_and_has_a_star(made):
     for name in ("pca", "vq", "mine"):
         made.job(name).timing(name, run="0")
