@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.compare.choosing import has_validation, validation_of
 from bench.compare.choosing.budgets import line_of
 from bench.compare.paired import decibels
 from bench.inputs.errors import InputError
@@ -133,13 +134,22 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
 def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
     """Each codec at the setting of its highest PSNR, because more lines than `MOST_LINES` cannot be told apart.
 
-    `codecs` has an item for each setting. A codec as published (`recipe=paper`) counts as another one.
+    `codecs` has an item for each setting. A codec as published (`recipe=paper`) counts as another one. The PSNR is that
+    of validation pairs, or of what the plots show where some setting has none of these.
     """
+    rows = [row for codec in codecs for row in codec.measured]
+    by_validation = all(has_validation(row.job) for row in rows)
+
+    def score(row: Row) -> float:
+        """The PSNR in dB by which a row is chosen."""
+        psnr = validation_of(row.job).get("mean") if by_validation else row.psnr
+        return MOST_DB if psnr is None else psnr  # None: no slice has an error
+
     best: dict[str, tuple[float, CodecRows]] = {}  # by codec: the PSNR, and the rows of the setting
     for codec in codecs:
         if not codec.measured:
             continue
-        quality = fmean(MOST_DB if row.psnr is None else row.psnr for row in codec.measured)
+        quality = fmean(map(score, codec.measured))
         name = line_of(codec.measured[0].job)
         if name not in best or quality > best[name][0]:
             best[name] = quality, codec

@@ -96,6 +96,15 @@ def test_where_settings_are_many_lines_show_each_codec_at_its_best(made, monkeyp
     assert plots["slices"]["title"].endswith("each codec at its best setting")
 
 
+def test_test_pairs_do_not_choose_the_setting_of_a_line(made, monkeypatch):
+    monkeypatch.setattr("reports.series.MOST_LINES", 1)
+    for label, test, validation in (("pca components=8", 30.0, 25.0), ("pca components=4", 28.0, 26.0)):
+        scores = {"heldout": made._group(test), "validation": made._group(validation)}
+        made.job(label, psnr=test, scores=scores)
+    plots = {plot["kind"]: plot for plot in plots_of(load_run(made.folder)) if plot["material"]}
+    assert [each["label"] for each in plots["slices"]["series"]] == ["pca components=4"]
+
+
 def test_a_run_for_a_scene_leads_with_the_gain_and_pictures_of_the_scene(made):
     group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": {"mean": 25.0, "exact": 0, "slices": 4}}}
 
