@@ -168,7 +168,7 @@ class MaterialSpec:
         if path is not None:
             return path
         fault = f"{self.path}: there is no such file"
-        if "NEUBTF_DATA" in os.environ:
+        if "NEUBTF_DATA" in os.environ and not os.path.isabs(self.path):
             fault += f", nor under NEUBTF_DATA={os.environ['NEUBTF_DATA']}"
         if self.where:
             raise MissingDataError(f"{fault}: {self.where}")

@@ -81,7 +81,10 @@ def jobs_with_results(run: Run, codecs: list[str]) -> Run:
         of_codecs = ""
         if codecs:
             of_codecs = f" of {' or '.join(codecs)}"
-        raise InputError(f"{run.folder}: no job{of_codecs} has a result")
+        with_results = sorted({job["codec"] for job in run.jobs if job["status"] == "ok"})
+        raise InputError(
+            f"{run.folder}: no job{of_codecs} has a result; codecs with results: {', '.join(with_results) or 'none'}"
+        )
     # Whoever verifies the jobs prepares the same data, and needs the preparation for it.
     if not any("materials" in start for start in run.starts):
         raise InputError(f"{run.folder}: its records do not say how materials were prepared: run the suite again")

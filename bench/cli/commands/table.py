@@ -15,6 +15,7 @@ examples:
 """
 
 import argparse
+import difflib
 import sys
 from pathlib import Path
 from typing import cast
@@ -23,7 +24,7 @@ from bench.cli.commands import several
 from bench.codecs.registry import codec_entries
 from bench.compare.choosing import fused_times, gpu_times
 from bench.conformance.verdicts import count
-from bench.inputs.errors import FINE, NOTHING, InputError, visible
+from bench.inputs.errors import FINE, NOTHING, InputError, did_you_mean, visible
 from bench.records import FILE, STRESS, Run, Timing, load_together, require
 from bench.runs.suite import load_suite
 from reports import FORMATS, KINDS, WHY_EMPTY, paper_text, parameters_text, table_text
@@ -52,6 +53,10 @@ def run(options: argparse.Namespace) -> int:
     kinds = [word for word in options.what if word in KINDS]
     folders = [Path(word) for word in options.what if word not in KINDS]
     chosen = choice(options)
+    if not kinds and options.what:  # the first word may be a kind, misspelt
+        word = options.what[0]
+        if difflib.get_close_matches(word, KINDS, n=1) and not Path(word).exists():
+            raise InputError(f"table: {word!r} is neither a kind of table nor a folder{did_you_mean(word, KINDS)}")
     if len(kinds) > 1:
         raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
     kind = kinds[0] if kinds else None

@@ -124,6 +124,10 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
         (["info", "/no/such/file"], "/no/such/file"),
         (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "there is no such folder"),
         (["table", "/no/such/run"], "no such folder"),
+        (
+            ["table", "sumary", "/no/such/run"],
+            "'sumary' is neither a kind of table nor a folder; did you mean 'summary'?",
+        ),
         (["table", "budgets"], "there is no run under runs/"),
         (["table", "budgets", "main"], "one kind of table"),
     ],
