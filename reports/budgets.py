@@ -476,14 +476,12 @@ def _untimed(result: Budgets) -> list[str]:
     times = result.times.get(EAGER, {})
     found = []
     for by_label in result.rungs.values():
-        untimed, timed = [], 0
+        untimed = []
         for label, by_material in by_label.items():
-            jobs = list(chain.from_iterable(by_material.values()))
-            if any(job["job"] in times for job in jobs):
-                timed += 1
-            else:
+            jobs = chain.from_iterable(by_material.values())
+            if not any(job["job"] in times for job in jobs):
                 untimed.append(label)
-        if timed:
+        if len(untimed) < len(by_label):
             found += untimed
     return found
 

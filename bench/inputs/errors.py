@@ -163,13 +163,12 @@ def readable(label: str, remedy: str = "the file is damaged; get it again") -> I
         yield
     except (InputError, MemoryError):  # the first has a message of its own; for the second the bytes are not to blame
         raise
-    except (FileNotFoundError, IsADirectoryError) as error:
-        if str(error.filename) != label:  # another file than the one that the user gave
-            raise InputError(f"{label}: cannot be read ({error}): {remedy}") from error
-        if isinstance(error, IsADirectoryError):
-            raise InputError(f"{label}: it is a folder: give a file") from error
-        raise InputError(f"{label}: there is no such file: check the path") from error
     # For hostile bytes decoders raise many types, from struct.error to tokenize.TokenError; no list is complete.
     except Exception as error:
+        is_of_label = isinstance(error, OSError) and str(error.filename) == label  # and not of a file that it names
+        if is_of_label and isinstance(error, FileNotFoundError):
+            raise InputError(f"{label}: there is no such file: check the path") from error
+        if is_of_label and isinstance(error, IsADirectoryError):
+            raise InputError(f"{label}: it is a folder: give a file") from error
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{label}: cannot be read ({reason[:200]}): {remedy}") from error

@@ -60,7 +60,8 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     for _ in range(rng.randint(1, 4)):
         at = 0
         if out:
-            at = rng.randrange(min(len(out), 512) if rng.random() < 0.5 else len(out))
+            reach = min(len(out), 512) if rng.random() < 0.5 else len(out)
+            at = rng.randrange(reach)
         kind = rng.randrange(8)
         if kind == 0:
             out[at : at + 1] = bytes([out[at] ^ 1 << rng.randrange(8)]) if out else b""

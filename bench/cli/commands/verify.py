@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         except InputError as error:
             raise InputError(_naming_archive(str(error), scratch, options.archive)) from error
         materials = {job["material"] for job in submitted.jobs}
-        for name in places.keys() - materials:
+        for name in sorted(places.keys() - materials):
             raise InputError(f"--material {name}: the archive has no such material{did_you_mean(name, materials)}")
         folder.mkdir(parents=True, exist_ok=True)
         verdicts = list(verify(submitted, folder, console.show, places))
