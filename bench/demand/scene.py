@@ -16,7 +16,7 @@ shape = "plane"                  # or "sphere", or "drape": a cloth over a ball,
 centre = [0.0, 0.0, 0.0]
 normal = [0.0, 0.0, 1.0]         # of a plane; of a sphere, its axis
 up = [0.0, 1.0, 0.0]             # where the top of the texture points, on a plane
-size = [1.0, 1.0]                # of a plane, along the texture's u and v; of a sphere: radius = 0.5
+size = [1.0, 1.0]                # of a plane or a drape, along the texture's u and v; a sphere has radius = 0.5 instead
 repeat = [4, 4]                  # times that the longer side of the texture fits along u and v; along its shorter
                                  # side the texture repeats more often, so that texels stay square
 
@@ -30,6 +30,7 @@ kind = "environment"             # radiance = [r, g, b] from all around, and lam
 samples = 8                      # of an environment, at each point
 """
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -96,9 +97,13 @@ class Surface:
     repeat: tuple[Length, Length] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
-        """Raise `InputError` for a surface whose texture would have no top."""
+        """Raise `InputError` for a surface whose texture would have no top, or for a field of another shape."""
         if not _span_a_plane(self.normal, self.up):
             raise InputError("normal and up must not be parallel, and neither may be 0")
+        if self.shape == "sphere" and self.size != Surface.size:
+            raise InputError("a sphere has a radius, no size")
+        if self.shape != "sphere" and self.radius != Surface.radius:
+            raise InputError(f"a {self.shape} has a size, no radius")
 
 
 @dataclass(frozen=True)
@@ -116,7 +121,7 @@ class Lamp:
 
 @dataclass(frozen=True)
 class LightSource:
-    """A light; the fields that it needs depend on its kind, see the module."""
+    """A light; its fields depend on its kind, see the module."""
 
     kind: str
     toward: Vector | None = None
@@ -128,13 +133,17 @@ class LightSource:
     samples: Annotated[int, Range(1, MOST)] = 8
 
     def __post_init__(self) -> None:
-        """Raise `InputError` for an unknown kind, a field that the kind lacks, or an environment that is black."""
+        """Raise `InputError` for an unknown kind, a field that it lacks or does not have, or a black environment."""
         needs = {"directional": ("toward", "irradiance"), "point": ("position", "intensity"), "environment": ()}
         if self.kind not in needs:
             raise InputError(f"there is no kind {self.kind!r}{did_you_mean(self.kind, needs)}")
         for name in needs[self.kind]:
             if getattr(self, name) is None:
                 raise InputError(f"a {self.kind} light needs {name}")
+        takes = {"kind", *(needs[self.kind] or ("radiance", "lamps", "samples"))}
+        for field in dataclasses.fields(self):
+            if field.name not in takes and getattr(self, field.name) != field.default:
+                raise InputError(f"a light of kind {self.kind} has no {field.name}")
         if self.toward:
             _check_toward(self.toward)
         colours = [self.radiance or (0.0, 0.0, 0.0), *(lamp.radiance for lamp in self.lamps)]
