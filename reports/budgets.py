@@ -101,6 +101,7 @@ def _table_of_surfaces(result: Budgets, points: Points, surfaces: Sequence[str],
             if budget.kind != BYTES:  # the test compares rungs, but values at a size are read between rungs
                 told_apart[budget] = result.told_apart(budget, surfaces)
 
+    outdone = _outdone(columns)
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []  # a number for each cell, by which the best of a column is marked
     for line in sorted(lines, key=lambda line: _sort_key(columns, line)):
@@ -112,7 +113,10 @@ def _table_of_surfaces(result: Budgets, points: Points, surfaces: Sequence[str],
             if line in told_apart.get(budget, ()):
                 cell += "*"
             cells.append(cell)
-            values.append(reading.value if reading else None)
+            if reading is None or budget in outdone:
+                values.append(None)  # it gets no mark
+            else:
+                values.append(reading.value)
         rows.append(cells)
         scores.append(values)
 
@@ -127,6 +131,8 @@ def _table_of_surfaces(result: Budgets, points: Points, surfaces: Sequence[str],
     notes = []
     if any(told_apart.values()):
         notes.append(f"*: told apart from {AGAINST}, by Holm's correction over the column.")
+    if outdone:
+        notes.append("No best is marked at a size where a codec whose curves end before has more dB at a smaller one.")
     yield Table("budgets", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
@@ -140,6 +146,19 @@ def _column(result: Budgets, points: Points, budget: Budget, surfaces: Sequence[
     # No curve leads from one time to another, so the best rung within a time is the codec's own value, not a bound.
     ranked = result.ranked(budget, surfaces)
     return {line: Reading(value, lower_bound=False) for line, value in ranked.items()}
+
+
+def _outdone(columns: Mapping[Budget, Mapping[str, Reading]]) -> set[Budget]:
+    """The sizes at which no line is as good as some line at a smaller size. To mark a best there would mislead."""
+    found = set()
+    best_so_far = 0.0
+    for budget, column in columns.items():  # the sizes come in ascending order
+        if budget.kind == BYTES and column:
+            best = max(reading.value for reading in column.values())
+            if best < best_so_far:
+                found.add(budget)
+            best_so_far = max(best_so_far, best)
+    return found
 
 
 def _sort_key(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list[float]:

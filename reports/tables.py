@@ -57,10 +57,11 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
 def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
     """The tables, with a mark at each row whose numbers the installed version of its codec cannot make again."""
     reasons: dict[tuple[str, str], str] = {}  # by material and name of codec: why it is stale, in words
-    for job in run.jobs:
-        reason = stale(job) if job["status"] == "ok" else ""
-        if reason:
-            reasons[job["material"], job["codec"]] = reason
+    finished = [job for job in run.jobs if job["status"] == "ok"]
+    reason_of_job = stale(finished)
+    for job in finished:
+        if job["job"] in reason_of_job:
+            reasons[job["material"], job["codec"]] = reason_of_job[job["job"]]
     for table in tables:
         if table.kind == "times":  # settings are timed apart from any job: a stale job says nothing of them
             yield table

@@ -11,10 +11,22 @@ from bench.codecs.registry import current_versions, from_outside
 from bench.records import FitKey, Job, ScoreKey, scored_unlike, shown_label
 
 
-def stale(job: Job) -> str:
-    """How a job's versions differ from the installed ones, in words; "" if they agree or are not known."""
-    codec, recipe = _recipe_of(job)
-    return _version_differences(job.get("fit_key", FitKey()), current_versions(codec, recipe))
+def stale(jobs: Iterable[Job]) -> dict[str, str]:
+    """By name of job, how its versions differ from the installed ones, in words.
+
+    Jobs whose versions agree, or are not known, are left out.
+    """
+    # By codec and recipe. Each is looked up once, because that reads what every installed package says of itself.
+    installed: dict[tuple[str, str], dict[str, int]] = {}
+    found = {}
+    for job in jobs:
+        codec, recipe = _recipe_of(job)
+        if (codec, recipe) not in installed:
+            installed[codec, recipe] = current_versions(codec, recipe)
+        differences = _version_differences(job.get("fit_key", FitKey()), installed[codec, recipe])
+        if differences:
+            found[job["job"]] = differences
+    return found
 
 
 class _Newest(NamedTuple):

@@ -58,7 +58,7 @@ class Board:
                 if "pictures" in job or "drawing" in job:  # stored slices, or a model that the page draws live
                     self.materials_with_pictures.add(job["material"])
         self.codecs = sorted(names)
-        self.places = {name: tables.places(name, self.sources) for name in self.codecs}  # by codec
+        self.places = tables.places(self.codecs, self.sources)  # by codec
         self.plots = {source.name: list(_plots(source)) for source in self.sources}  # by source
 
     def pages(self) -> Iterator[_NamedPage]:

@@ -7,7 +7,7 @@ A slice is *exact* if it has no error. A codec's *place* is one comparison: its 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,6 +37,14 @@ class Candidate(NamedTuple):
 
     codec: str
     entry: Entry
+
+
+class Comparison(NamedTuple):
+    """The candidates of one source on one material, and at one budget if the source has budgets."""
+
+    material: str
+    results: str  # see `Place`
+    candidates: list[Candidate]
 
 
 @dataclass(frozen=True)
@@ -119,21 +127,26 @@ def codec_of(row: Row) -> str:
     return row.label.split(maxsplit=1)[0]
 
 
-def places(name: str, sources: Sequence[Publication]) -> list[Place]:
-    """Where a codec stands against the best of the others, its best place first; claimed results do not count."""
-    places: list[Place] = []
+def places(names: Iterable[str], sources: Sequence[Publication]) -> dict[str, list[Place]]:
+    """By name of a codec: where it stands against the best of the others, its best place first.
+
+    Claimed results do not count.
+    """
+    comparisons: list[Comparison] = []
     for source in sources:
-        if not source.claimed:  # nobody here has scored them
-            places += _places_in(source, name)
-    return sorted(places, key=lambda place: -place.gap)
+        if source.claimed:  # nobody here has scored them
+            continue
+        comparisons += _at_budgets(source) if source.has_budgets else _of_all_settings(source)
+    places_of_codecs = {}
+    for name in names:
+        found = [_place(comparison, name) for comparison in comparisons]
+        places = [place for place in found if place]
+        places_of_codecs[name] = sorted(places, key=lambda place: -place.gap)
+    return places_of_codecs
 
 
-def _places_in(source: Publication, name: str) -> Iterator[Place]:
-    """Where a codec stands in one source, on each material: at each budget or, if the source has no budgets, by the
-    best of all its settings, whatever their bytes."""
-    if source.has_budgets:
-        yield from _places_at_budgets(source, name)
-        return
+def _of_all_settings(source: Publication) -> Iterator[Comparison]:
+    """The comparison on each material of a source without budgets: of all settings, whatever their bytes."""
     for material in source.materials:
         candidates = []
         for codec in material.codecs:
@@ -143,29 +156,24 @@ def _places_in(source: Publication, name: str) -> Iterator[Place]:
             if psnr is not None:  # the records may lack it
                 size = mean_bytes([row.job for row in codec.measured])
                 candidates.append(Candidate(codec_of(codec.rows[0]), Entry(codec.label, size, psnr)))
-        place = _place(material.name, source.name, name, candidates)
-        if place:
-            yield place
+        yield Comparison(material.name, source.name, candidates)
 
 
-def _place(material: str, results: str, name: str, candidates: Sequence[Candidate]) -> Place | None:
-    """The best entry of a codec beside the best of the others; None if either is missing.
-
-    `name` is that of the codec, among the candidates on one material. For `results` see `Place`.
-    """
-    mine = [entry for codec, entry in candidates if codec == name]
-    others = [entry for codec, entry in candidates if codec != name]
+def _place(comparison: Comparison, name: str) -> Place | None:
+    """The best entry of the codec of that name beside the best of the others; None if either is missing."""
+    mine = [entry for codec, entry in comparison.candidates if codec == name]
+    others = [entry for codec, entry in comparison.candidates if codec != name]
     if not mine or not others:
         return None
-    return Place(material, results, max(mine, key=_psnr), max(others, key=_psnr))
+    return Place(comparison.material, comparison.results, max(mine, key=_psnr), max(others, key=_psnr))
 
 
 def _psnr(entry: Entry) -> float:
     return entry.psnr
 
 
-def _places_at_budgets(source: Publication, name: str) -> Iterator[Place]:
-    """Where a codec stands on each surface at each budget, among the rungs that validation pairs choose.
+def _at_budgets(source: Publication) -> Iterator[Comparison]:
+    """The comparison on each surface at each budget, of the rungs that validation pairs choose.
 
     Each rung is compared by its PSNR at test pairs.
     """
@@ -179,9 +187,7 @@ def _places_at_budgets(source: Publication, name: str) -> Iterator[Place]:
                 if psnr is not None:  # without a score of test pairs there is nothing to compare
                     codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
                     candidates.append(Candidate(codec, Entry(line, mean_bytes(rung.of), psnr)))
-            place = _place(material, f"{source.name}, {in_words(budget)}", name, candidates)
-            if place:
-                yield place
+            yield Comparison(material, f"{source.name}, {in_words(budget)}", candidates)
 
 
 def standing(name: str, places: Sequence[Place]) -> Table | None:

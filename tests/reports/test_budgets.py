@@ -70,6 +70,24 @@ def test_with_three_rungs_a_size_is_read_off_the_curve_and_the_front_has_the_lea
     assert any("None is told apart: that takes 10 surfaces." in note for note in front.notes)
 
 
+def test_no_best_is_marked_at_a_size_where_a_codec_whose_curve_ends_before_has_more(made):
+    def job(label, bits, psnr):
+        scores = {"heldout": made._group(psnr), "validation": made._group(psnr)}
+        made.job(label, bytes={"total": bits * SIZE}, scores=scores, psnr=psnr, settings={"label": label})
+
+    for rung, bits in enumerate((8, 16, 32)):
+        job(f"relief x={rung}", bits, 30.0 + rung)
+    for codec, at_first in (("neumip", 20.0), ("ntc", 19.0)):
+        for rung, bits in enumerate((16, 32, 64)):
+            job(f"{codec} x={rung}", bits, at_first + rung)
+    (table,) = TABLES["budgets"](load_run(made.folder))
+    names = [name for name, _ in table.headers]
+    marked = {names[column] for (_, column), mark in table.marks.items() if mark == "bold"}
+    assert {"16 bits", "32 bits"} <= marked
+    assert "64 bits" not in marked
+    assert any("No best is marked" in note for note in table.notes)
+
+
 def test_a_surface_counts_at_most_what_a_display_shows(made):
     for material, psnr in (("satin", 60.0), ("brick", 30.0)):
         scores = {"heldout": made._group(psnr), "validation": made._group(psnr)}

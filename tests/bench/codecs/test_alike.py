@@ -26,11 +26,14 @@ def test_versions_are_read_from_the_source_without_importing_it():
 def test_a_record_of_another_version_is_stale(key, why):
     now = current_versions("pca")
     fresh = job() | {"fit_key": now}
-    assert alike.stale(fresh) == ""
-    assert alike.stale(fresh | {"fit_key": now | {key: now[key] - 1}}) == f"{why} {now[key] - 1} instead of {now[key]}"
-    assert alike.stale(fresh | {"fit_key": {"version": now["version"]}}).endswith(f"None instead of {now['store']}")
-    assert alike.stale(fresh | {"codec": "nobody's", "fit_key": {"version": 1}}) == ""
-    assert alike.stale(fresh | {"fit_key": {}}) == ""  # handed in without one
+    older = fresh | {"job": "older", "fit_key": now | {key: now[key] - 1}}
+    without_store = fresh | {"job": "without store", "fit_key": {"version": now["version"]}}
+    nobodys = fresh | {"job": "nobody's", "codec": "nobody's", "fit_key": {"version": 1}}
+    handed_in = fresh | {"job": "handed in", "fit_key": {}}
+    assert alike.stale([fresh, older, without_store, nobodys, handed_in]) == {
+        "older": f"{why} {now[key] - 1} instead of {now[key]}",
+        "without store": f"store version None instead of {now['store']}",
+    }
 
 
 def test_versions_of_a_codec_do_not_mix_over_seeds_or_settings_and_the_newest_stands():
@@ -43,8 +46,9 @@ def test_a_recipe_may_have_a_version_of_its_own():
     ours = job("neubtf") | {"fit_key": current_versions("neubtf"), "settings": {"recipe": "ours"}}
     paper = job("neubtf recipe=paper") | {"settings": {"recipe": "paper"}}
     paper |= {"fit_key": current_versions("neubtf", "paper")}
-    assert alike.stale(ours) == alike.stale(paper) == ""
-    assert alike.stale(paper | {"fit_key": ours["fit_key"]}).startswith("codec version")
+    assert alike.stale([ours, paper]) == {}
+    (why,) = alike.stale([paper | {"fit_key": ours["fit_key"]}]).values()
+    assert why.startswith("codec version")
     assert alike.obstacles([ours, paper]) == {}
 
 

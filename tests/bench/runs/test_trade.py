@@ -58,6 +58,7 @@ def measured(tmp_path_factory, brief):
         patch.setattr(trade, "BATCHES", (1,))
         patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
         patch.setattr("bench.timing.profile.COPIED", 1 << 20)
+        patch.setattr("bench.timing.profile.SIDE", 64)  # without AVX-512, bfloat16 multiplies slowly
         patch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
         assert {outcome.record["status"] for outcome in run(SUITE, Options(folder))} == {"ok"}
         result = trade.measure(SUITE, load_run(folder), "cpu")
@@ -106,6 +107,7 @@ def test_an_interrupted_measurement_goes_on_where_it_stopped(measured, tmp_path,
     """The variant is scored once, and each turn is timed once."""
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
     monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
+    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
     monkeypatch.setattr(native, "emulated", lambda precision, device: False)
     shutil.copytree(measured[0], tmp_path / "run")
     suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("eager bfloat16",))
@@ -136,6 +138,7 @@ def test_an_interrupted_measurement_goes_on_where_it_stopped(measured, tmp_path,
 
 def test_ceilings_are_timed_in_turns_with_the_rest_and_rise_to_what_a_turn_reaches(monkeypatch):
     monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
+    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
     slow, of_all_cores = ceiling("float32", 1e-6, 1e-6), ceiling("float32", 1e-6, 1e-6, threads=2)
     material = load_codec("mean-colour")()
     decoded = material.decode(material.encode(tiny_btf(12, 6, 6), Fit()), torch.device("cpu"))
