@@ -377,6 +377,8 @@ def front_table(run: Run) -> Iterator[Table]:
     headers += [("lead, median", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on"), ("time", "× floor ↓")]
     title = f"At {in_words(ENOUGH)}: test PSNR, means over {', '.join(result.surfaces)}"
     notes = [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over surfaces.", *_lead_notes(leads, points)]
+    if EAGER in result.times:
+        notes.append("Time: eager, of the rung within that size that validation pairs choose, mean over surfaces.")
     yield Table("front", title, headers, rows, [*notes, _READ, *_common(run, result)], marks=best_cells(rows, scores))
 
 
@@ -416,7 +418,7 @@ def _lead_notes(leads: Mapping[str, Summary], points: Points) -> Iterator[str]:
     if leads.keys() - points.keys():  # a line without curves has a lead
         yield "°: of fewer than three rungs, each at its own bytes."
     if any(lead.apart for lead in leads.values()):
-        yield "*: told apart."
+        yield "*: told apart: the interval leaves out 0."
     elif leads:
         most_surfaces = max(lead.surfaces for lead in leads.values())
         if most_surfaces < LEAST_SURFACES:

@@ -131,7 +131,7 @@ def ablation_table(run: Run) -> Table | None:
     for material in materials:
         headers += [(material, "dB ↑"), ("against as it is", "dB"), (material, "SSIM ↑")]
     notes = [
-        "dB: mean display PSNR of the pairs held out to choose settings by; no test pair is among them.",
+        "dB: mean display PSNR of validation pairs; no test pair is among them.",
         Note(("FLOP: of the decoder's network.", lambda name: name == "a sample")),  # of that column alone
         "A change is told by the settings that differ from the row “as it is”.",
     ]

@@ -136,8 +136,8 @@ def count(name: str) -> Job:
     """
     codec_class = load_codec(name)
     names = {field.name for field in dataclasses.fields(codec_class.Settings)}
-    # A fit that is only counted: one step of a small batch, and a fixed number of bits, which a fit need not search.
-    smallest = {"steps": 1, "batch": 64, "bits": 8}
+    # A fit that is only counted: one step of a small batch, and a texture of halves, for which no bits are chosen.
+    smallest = {"steps": 1, "batch": 64, "bits": 16}
     settings: dict[str, Any] = {key: value for key, value in smallest.items() if key in names}
     if "paper" in codec_class.recipes:
         settings["recipe"] = "paper"

@@ -6,7 +6,7 @@ shown.
 
 examples:
   neubtf-bench choose satin --min-psnr 30
-  neubtf-bench choose satin --max-bytes 300k --max-ns 40 -o satin.nbtf
+  neubtf-bench choose satin --max-bytes 300k --max-ns 500 -o satin.nbtf
   neubtf-bench choose satin --min-psnr 30 --codec neumip --codec pca --steps 300 --jobs 0
 """
 
