@@ -44,6 +44,7 @@ from bench.compare.choosing.curves import (
     readings,
     summarised,
 )
+from bench.compare.choosing.within import fewest_bytes, mean_ranks, ranked
 from bench.compare.paired import AGAINST, FEWEST
 from bench.compare.quantities import average
 from bench.records import FLIP, MOST_DB, PSNR, SSIM, Job, Machine, Run, by_kind, shown_label
@@ -53,11 +54,17 @@ from reports.table import Table, best_cells
 
 _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}  # decimals in cells, by metric
 _NAMED = 5  # rows that a note on excluded records names
+_TIED = 3  # codecs with the same number that a cell names
 _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]  # headers: name and unit, in the order of `_DIGITS`
 _READ = (
     f"At a size: read off the curve of the rungs that validation pairs choose, test pairs (docs/metrics.md, “Curves”). "
     f"{NONE}: a curve does not reach that size on each surface. ≥: fewer than three rungs, the best within that size. "
     f"A surface counts at most {CAP_DB} dB, an error of one step of an 8-bit display."
+)
+_WITHIN = (
+    "Within a size: read off the curve of the rungs that validation pairs choose, at its end if it ends before; "
+    "without a curve, and within a time, of the rung that they choose. A codec without a rung as small or as fast on "
+    f"each surface is left out. Numbers are of test pairs; a surface counts at most {CAP_DB} dB."
 )
 _CHOICE = "A codec's rung is chosen by validation pairs, its numbers are of test pairs (docs/metrics.md, “Budgets”)."
 
@@ -280,49 +287,66 @@ def _span(limits: list[Budget]) -> str:
 def when_table(run: Run) -> Iterator[Table]:
     """Which codec when: a question a row, the best codec and the next best, and the numbers of both."""
     rows = []
-    for question, ranked, family in _questions(budgets(run)):
-        if not ranked:  # no line has a rung within that budget on each surface
+    for question, means, family in _questions(budgets(run)):
+        if not means:  # no line reaches that budget on each surface
             continue
-        unit = " dB" if family == PSNR else ""
-        lines = list(ranked)  # the best first
-        numbers = [_number(value, family) + unit for value in ranked.values()]
-        if len(ranked) == 1:  # there is no next best
-            lines.append(NONE)
-            numbers.append(NONE)
-        rows.append([question, *lines[:2], *numbers[:2]])
+        places = _by_number(means, family)
+        if len(places) == 1:  # there is no next best
+            places.append((NONE, [NONE]))
+        (best, best_lines), (second, second_lines) = places[:2]
+        rows.append([question, _named(best_lines), _named(second_lines), best, second])
     headers = [("question", ""), ("best", ""), ("then", ""), ("best", ""), ("then", "")]
     if rows:
-        yield Table("when", "Which codec when", headers, rows, [_CHOICE], words=3)
+        yield Table("when", "Which codec when", headers, rows, [_WITHIN], words=3)
+
+
+def _by_number(means: Mapping[str, float], family: str) -> list[tuple[str, list[str]]]:
+    """The lines by their number as it reads, the best first: lines with the same number are equally good."""
+    unit = " dB" if family == PSNR else ""
+    lines_with: dict[str, list[str]] = {}
+    for line, value in means.items():
+        number = _number(value, family, digits=1 if family == PSNR else None) + unit
+        lines_with.setdefault(number, []).append(line)
+    return list(lines_with.items())
+
+
+def _named(lines: Sequence[str]) -> str:
+    """Up to `_TIED` lines by name, and how many more there are."""
+    named = ", ".join(lines[:_TIED])
+    more = len(lines) - _TIED
+    return f"{named} and {more} more" if more > 0 else named
 
 
 class _Question(NamedTuple):
     """A question in words, the lines that answer it with their means, the best first, and the metric of these."""
 
     words: str
-    ranked: dict[str, float]
+    means: dict[str, float]
     family: str
 
 
 def _questions(result: Budgets) -> Iterator[_Question]:
     """The questions of the table: about each budget, the fewest bytes, each surface, and the other metrics."""
+    points = hulls(result, result.surfaces)
+    surfaces = list(result.surfaces)
     enough = in_words(ENOUGH)
     for budget in result.limits:
-        yield _Question(f"best quality in {in_words(budget)}", result.ranked(budget, result.surfaces), PSNR)
-    fewest = result.fewest_bytes()  # a budget of bytes, and the lines that are near the best within it
+        yield _Question(f"best quality in {in_words(budget)}", ranked(result, points, budget, surfaces), PSNR)
+    fewest = fewest_bytes(result, points)  # a budget of bytes, and the lines that are near the best within it
     if fewest:
-        budget, ranked = fewest
-        yield _Question(f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(budget)}", ranked, PSNR)
-    if len(result.surfaces) > 1:  # on one surface this was asked above
-        for material in result.surfaces:
-            yield _Question(f"best on {material} in {enough}", result.ranked(ENOUGH, [material]), PSNR)
+        budget, near = fewest
+        yield _Question(f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(budget)}", near, PSNR)
+    if len(surfaces) > 1:  # on one surface this was asked above
+        for material in surfaces:
+            yield _Question(f"best on {material} in {enough}", ranked(result, points, ENOUGH, [material]), PSNR)
     for family, name in ((SSIM, "SSIM"), (FLIP, "FLIP")):
-        yield _Question(f"best {name} in {enough}", result.ranked(ENOUGH, result.surfaces, family), family)
+        yield _Question(f"best {name} in {enough}", ranked(result, points, ENOUGH, surfaces, family), family)
 
 
 def ranks_table(run: Run) -> Iterator[Table]:
     """The mean rank of each line at a budget, and the lines that are not told apart from it."""
     result = budgets(run)
-    ranking = result.ranks()
+    ranking = mean_ranks(result, hulls(result, result.surfaces))
     if not ranking:  # too few lines or surfaces to rank
         return
     rows = []
@@ -333,8 +357,8 @@ def ranks_table(run: Run) -> Iterator[Table]:
                 not_apart.append(other)
         rows.append([line, fixed(rank, 2), ", ".join(not_apart) or NONE])
     title = f"Mean ranks over {len(result.surfaces)} surfaces at {in_words(ENOUGH)}"
-    note = f"Nemenyi's critical difference: {ranking.critical:.2f}. Only lines with a rung on each surface are ranked."
-    yield Table("ranks", title, [("codec", ""), ("mean rank", "↓"), ("not told apart from", "")], rows, [note, _CHOICE])
+    note = f"Nemenyi's critical difference: {ranking.critical:.2f}."
+    yield Table("ranks", title, [("codec", ""), ("mean rank", "↓"), ("not told apart from", "")], rows, [note, _WITHIN])
 
 
 def front_table(run: Run) -> Iterator[Table]:

@@ -11,8 +11,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from bench.compare.choosing.budgets import budgets, mean_bytes, mean_test_score
-from bench.records import PSNR
+from bench.compare.choosing.budgets import CAP_DB, budgets, mean_bytes
+from bench.compare.choosing.curves import hulls
+from bench.compare.choosing.within import reached
 from reports import columns
 from reports.board.sources import STATES, Publication
 from reports.budgets import in_words
@@ -173,20 +174,18 @@ def _psnr(entry: Entry) -> float:
 
 
 def _at_budgets(source: Publication) -> Iterator[Comparison]:
-    """The comparison on each surface at each budget, of the rungs that validation pairs choose.
-
-    Each rung is compared by its PSNR at test pairs.
-    """
+    """The comparison on each surface at each budget, by what each line reaches within it at test pairs."""
     result = budgets(source.run)
+    points = hulls(result, result.surfaces)
     for budget in result.limits:
-        for material in result.surfaces:
+        for material, job in result.surfaces.items():
+            height, width = job["shape"]
             candidates = []
-            for line, rungs in result.picks(budget, [material]).items():
-                rung = rungs[material]
-                psnr = mean_test_score(rung, PSNR)
-                if psnr is not None:  # without a score of test pairs there is nothing to compare
-                    codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
-                    candidates.append(Candidate(codec, Entry(line, mean_bytes(rung.of), psnr)))
+            for line, by_material in reached(result, points, budget, [material]).items():
+                mine = by_material[material]
+                size = round(mine.bits * height * width / 8)  # bytes
+                codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
+                candidates.append(Candidate(codec, Entry(line, size, mine.value)))
             yield Comparison(material, f"{source.name}, {in_words(budget)}", candidates)
 
 
@@ -204,8 +203,9 @@ def standing(name: str, places: Sequence[Place]) -> Table | None:
     headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]
     headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
     note = (
-        "Test PSNR, mean over slices. With a budget: of the settings that validation pairs choose; else of those of "
-        "each codec with the highest test PSNR, whatever their bytes."
+        "Test PSNR, mean over slices. Within a size: read off the curve of the settings that validation pairs choose, "
+        "at its end if it ends before; within a time, and without a curve: of the setting that they choose; at most "
+        f"{CAP_DB} dB. Without budgets: of the setting of each codec with the highest test PSNR, whatever its bytes."
     )
     title = "Where it wins and loses, against the best of the others"
     return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4)

@@ -3,14 +3,16 @@
 A *slice* is one picture of a material: all texels at one pair of view and light. The *difference* of two codecs is that
 of their PSNR in dB on the same slices, as a mean with a 95 % interval. Two codecs are *told apart* if equal ones would
 hardly differ as much; that is said only of `FEWEST` materials or more. A *surface* is a material. A *line* is a codec,
-or a codec as published; a *rung* is a setting of it that was measured. Its *rank* on a surface is its place by the PSNR
-of the rung that validation pairs choose within a budget of bytes.
+or a codec as published. Its *rank* on a surface is its place by what it reaches within a budget of bytes, see
+`bench.compare.choosing.within`.
 """
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from bench.compare.choosing.budgets import ENOUGH, budgets
+from bench.compare.choosing.curves import hulls
+from bench.compare.choosing.within import mean_ranks
 from bench.compare.paired import FEWEST, Interval
 from bench.records import Run
 from reports.budgets import in_words
@@ -101,9 +103,10 @@ def critical_differences(run: Run) -> Iterator[Figure]:
     """The diagram of Demšar (2006), if there are ranks: a row a line at its mean rank, with a bar as long as the
     critical difference, which covers the lines of worse rank from which it is not told apart.
 
-    There are ranks if two lines or more have a rung at the budget `ENOUGH` on each of three surfaces or more.
+    There are ranks if two lines or more reach the budget `ENOUGH` on each of three surfaces or more.
     """
-    ranking = budgets(run).ranks()
+    result = budgets(run)
+    ranking = mean_ranks(result, hulls(result, result.surfaces))
     if not ranking:
         return
     title = f"Mean ranks over surfaces at {in_words(ENOUGH)}"

@@ -7,17 +7,15 @@ shown.
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from statistics import fmean
 from typing import NamedTuple, cast
 
 import numpy as np
 
 from bench.codecs.alike import obstacles
-from bench.compare.choosing import NEAR_DB, Limits, Rung, best_rung, fused_times, has_validation, validation_of
+from bench.compare.choosing import Limits, Rung, best_rung, fused_times, has_validation, validation_of
 from bench.compare.paired import AGAINST, chance_if_equal, chosen_by_holm
 from bench.compare.quantities import average
-from bench.compare.ranks import Ranks, ranks
 from bench.metrics import direction_of, stats_of
 from bench.records import PSNR, Job, Run, Timing, TradeChoice, fitted_to_scene, view
 
@@ -90,21 +88,6 @@ class Budgets:
         sign = 1 if direction_of(family) == "lower" else -1  # ascending where lower is better, else descending
         return dict(sorted(means.items(), key=lambda item: sign * item[1]))
 
-    def fewest_bytes(self) -> tuple[Budget, dict[str, float]] | None:
-        """The smallest budget of bytes at which a line is within `NEAR_DB` of the best of all budgets, and the mean
-        PSNR of its lines that are so near; None without any line."""
-        ranked = {}
-        for budget in self.limits:  # the budgets of bytes ascend
-            if budget.kind == BYTES:
-                ranked[budget] = self.ranked(budget, self.surfaces)
-        every = chain.from_iterable(lines.values() for lines in ranked.values())
-        best = max(every, default=0.0)
-        for budget, lines in ranked.items():
-            near = {line: value for line, value in lines.items() if value >= best - NEAR_DB}
-            if near:
-                return budget, near
-        return None
-
     def told_apart(self, budget: Budget, materials: Collection[str]) -> set[str]:
         """The lines with a rung on each material whose differences over these tell them apart from `AGAINST`.
 
@@ -120,17 +103,6 @@ class Budgets:
             return set()
         anchor = scores.pop(AGAINST)
         return chosen_by_holm({line: chance_if_equal(values - anchor) for line, values in scores.items()})
-
-    def ranks(self) -> Ranks | None:
-        """The mean ranks at `ENOUGH` of the lines with a rung on every material."""
-        scores = {}
-        for line, rungs in self.picks(ENOUGH, self.surfaces).items():
-            scores_of_line = []
-            for rung in rungs.values():
-                score = capped(mean_test_score(rung, PSNR))
-                scores_of_line.append(0.0 if score is None else score)  # without a score a line comes last
-            scores[line] = scores_of_line
-        return ranks(scores)
 
 
 @view
