@@ -88,11 +88,14 @@ def read_as(options: argparse.Namespace) -> dict[str, str]:
     return changes
 
 
-def suite_options(parser: argparse.ArgumentParser, default: str) -> None:
-    """Add the options that choose a suite, parts of it, changes of its settings, and the folder of its run."""
+def suite_options(parser: argparse.ArgumentParser, default: str, folder: str = "runs/SUITE") -> None:
+    """Add the options that choose a suite, parts of it, changes of its settings, and the folder of its run.
+
+    `default` is the suite, and `folder` the place, that are taken if none is given.
+    """
     add = parser.add_argument
     add("suite", nargs="?", default=default, help=f"a built-in suite or a TOML file (default: {default})")
-    add("--out", type=Path, help="the run's folder (default: runs/SUITE)")
+    add("--out", type=Path, help=f"the run's folder (default: {folder})")
     several(parser, "--material", "only this material, by name or path; repeatable")
     several(parser, "--codec", "only this codec; repeatable")
     several(parser, "--set", "a codec setting, or data.KEY", "KEY=VALUE")

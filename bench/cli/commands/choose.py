@@ -50,14 +50,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("material", help="a built-in material or the path of a BTF")
     add("--min-psnr", type=float, metavar="DB", help="the least PSNR of validation pairs")
     add("--max-bytes", metavar="BYTES", help="the largest size of the file: 300k, 1.5M, 20000")
-    time = "the longest time of a sample, as a whole query, which the upper end of its 95 %% interval must not exceed: "
+    time = "the longest time of a sample (a whole query); the upper end of its 95 %% interval must not exceed it: "
     time += "CPU time on the suite's threads, one in a built-in suite "
     add("--max-ns", type=float, metavar="NS", help=f"{time}(GPU time with --device cuda)")
     gpu = "the largest size of the textures on a GPU, as `export` writes them; what it cannot export does not count"
     add("--max-gpu-bytes", metavar="BYTES", help=gpu)
     several(parser, "--codec", "fit and choose only this codec; repeatable")
     add("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
-    jobs = "how many fits at once, each in its own process (and on its own GPU); 0: one a core (default: 1)"
+    jobs = "how many fits at once, each in its own process (and on its own GPU); 0: as many as the cores allow (default: 1)"
     add("--jobs", type=int, default=1, metavar="N", help=jobs)
     add("--suite", default="trade", help="the suite whose settings are fitted if missing (default: trade)")
     add("--out", type=Path, help="the folder of a `trade`, extended if need be (default: runs/SUITE)")

@@ -31,8 +31,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
     reading_options(parser)
     add("--demand", type=Path, help="fit the smallest file for a scene, an .npz of `demand`")
-    add("--target-psnr", type=float, metavar="DB", help="with --demand: the PSNR that frames reach …")
-    add("--target-flip", type=float, metavar="FLIP", help="… or their FLIP (default: that of the full model)")
+    flip = "with --demand: the largest FLIP of the frames (default without a target: a PSNR 0.2 dB below the full model's)"
+    add("--target-psnr", type=float, metavar="DB", help="with --demand: the least PSNR of the frames")
+    add("--target-flip", type=float, metavar="FLIP", help=flip)
     add("--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)")
     add("--seed", type=seed_option, default=0, help="the repetition, as in the seeds of a suite (default: 0)")
     add("--threads", type=threads, default=1)

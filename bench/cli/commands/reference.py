@@ -1,6 +1,7 @@
 """make the reference that `compare` judges by, from a run
 
-`reference update RUN` writes the committed reference of the run's suite, or FILE, and prints what changed. A reference
+`reference update RUN` writes FILE, or the reference of the run's suite inside the installed package, and prints what
+changed. In a clone that is not installed with -e, give --out bench/compare/references/SUITE.jsonl. A reference
 should have more seeds than a run, because they tell how far the results of a codec scatter: first add seeds to the
 run's folder, with `neubtf-bench run SUITE --seed N --out RUN`.
 
@@ -27,7 +28,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(required=True, metavar="ACTION")
     update = actions.add_parser("update", help="write the reference again, and print what changed")
     update.add_argument("run", metavar="RUN", help="the folder of a run")
-    place = "the .jsonl file to write (default: this package's)"
+    place = "the .jsonl file to write (default: that of the installed package)"
     update.add_argument("-o", "--out", type=Path, metavar="FILE", help=place)
 
 

@@ -1,9 +1,9 @@
 """time each setting of a suite on this machine, apart from what it was fitted to
 
 A time depends on the setting, not on the fit. So each setting is fitted for one step, on two surfaces, and all are
-timed in turns, twice. `table budgets` and `table front` use these times alone if they are given them. With --variants
-each execution and precision is timed instead, first compared with float64, then batches of 2^14 to 2^22 for some
-settings, and the steps of fits: for a GPU. It ends after --minutes, and the same command goes on:
+timed in turns, twice. If `table budgets` or `table front` is given such a folder, it uses no other times. With
+--variants each execution and precision is timed instead, first compared with float64, then batches of 2^14 to 2^22 for
+some settings, and the steps of fits: for a GPU. The command then ends after --minutes; give it again to continue.
 
 examples:
   neubtf-bench time budgets --out runs/times
@@ -27,7 +27,7 @@ from reports import table_text
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command to its parser."""
-    suite_options(parser, "budgets")
+    suite_options(parser, "budgets", folder="runs/SUITE-times")
     add = parser.add_argument
     add("--variants", action="store_true", help="time executions, precisions, batches and steps of fits")
     add("--minutes", type=float, default=60.0, help="end --variants after so many minutes (default: 60)")

@@ -1,7 +1,7 @@
 """show codec files as live materials in the browser
 
 The page shows a plane, a sphere or a drape, lets you drag camera and light, and compares two files, or a file and its
-BTF, side by side. It contains everything that it shows, and needs no server and no network.
+BTF, with a wipe between. It contains everything that it shows, and needs no server and no network.
 
 examples:
   neubtf-bench view satin.nbtf --truth satin
