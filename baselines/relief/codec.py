@@ -351,7 +351,7 @@ class ReliefObjective(Objective):
 
 
 class Relief(Codec):
-    """Relief: heights found in the slices and marched, latents of few bits, directions in learned shading frames."""
+    """Relief: heights found in the slices and marched where they stand, latents of few bits on three grids."""
 
     name, version = "relief", 4
     sizes = ("latents", "half", "quarter", "width")

@@ -57,7 +57,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--max-gpu-bytes", metavar="BYTES", help=gpu)
     several(parser, "--codec", "fit and choose only this codec; repeatable")
     add("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
-    jobs = "how many fits at once, each in its own process (and on its own GPU); 0: as many as the cores allow (default: 1)"
+    jobs = "how many fits at once, each in its own process (and on its own GPU); "
+    jobs += "0: as many as the cores allow (default: 1)"
     add("--jobs", type=int, default=1, metavar="N", help=jobs)
     add("--suite", default="trade", help="the suite whose settings are fitted if missing (default: trade)")
     add("--out", type=Path, help="the folder of a `trade`, extended if need be (default: runs/SUITE)")

@@ -31,7 +31,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
     reading_options(parser)
     add("--demand", type=Path, help="fit the smallest file for a scene, an .npz of `demand`")
-    flip = "with --demand: the largest FLIP of the frames (default without a target: a PSNR 0.2 dB below the full model's)"
+    flip = "with --demand: the largest FLIP of the frames "
+    flip += "(default without a target: a PSNR 0.2 dB below the full model's)"
     add("--target-psnr", type=float, metavar="DB", help="with --demand: the least PSNR of the frames")
     add("--target-flip", type=float, metavar="FLIP", help=flip)
     add("--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)")
