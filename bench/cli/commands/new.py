@@ -5,8 +5,8 @@
 `neubtf-bench list` shows it and `neubtf-bench check NAME` passes. `new metric NAME` and `new reader NAME` write the
 folders NAME-metric and NAME-reader: a small working one each, with a test that passes. `new ci NAME` writes
 `tracking.toml`, a suite that measures the codec, and `.github/workflows/quality.yml`, which compares each push with
-`reference.jsonl`; it installs the codec from NAME-codec if that folder is here, else from the current folder. The command never
-overwrites a file.
+`reference.jsonl`; it installs the codec from NAME-codec if that folder is here, else from the current folder. The
+command never overwrites a file.
 
 examples:
   neubtf-bench new codec my-codec
