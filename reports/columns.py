@@ -65,6 +65,8 @@ class Column:
     deviation: bool = True  # whether to show the deviation over seeds beside their mean
     whole_only: bool = False  # whether it says nothing about a scene, so that models of a scene are not marked in it
     over: str = "seeds"  # what the deviation of a cell is over, which its header says
+    # Of a row that reads “exact”: what it counts as in means, such as 100 dB; None leaves it out of them.
+    counted: Callable[[Row], Value] = lambda row: None
 
     def cell(self, seeds: Sequence[Row]) -> str:
         """The text of one codec's cell: the number if all seeds read the same, else mean ± std over them."""
@@ -79,10 +81,10 @@ class Column:
         without seeds."""
         if not seeds:
             return NONE
-        values = [self.value(row) for row in seeds]
-        texts = [self._one_text(value) for value in values]
+        texts = [self._one_text(self.value(row)) for row in seeds]
         if len(set(texts)) == 1:  # all seeds read the same
             return texts[0]
+        values = [self._number(row) for row in seeds]
         tuples = [value for value in values if isinstance(value, tuple)]
         if tuples:  # an interval, or mean and std over slices: no deviation over seeds stands beside them
             return self.write(self.pool(tuples))
@@ -90,10 +92,18 @@ class Column:
         if not numbers:  # only words, such as "exact" and a dash: that of the first seed
             return texts[0]
         mean = self.write(fmean(numbers))
-        # A single number has no deviation: the other seeds are exact or were not measured.
+        # A single number has no deviation: the other seeds were not measured.
         if len(numbers) == 1 or not self.deviation:
             return mean
         return f"{mean} ± {self.write(stdev(numbers))}"
+
+    def _number(self, row: Row) -> Value:
+        """The value of a row; of one that reads “exact” what it counts as, if that is known."""
+        value = self.value(row)
+        if value == EXACT:
+            counted = self.counted(row)
+            return value if counted is None else counted
+        return value
 
     def _one_text(self, value: Value) -> str:
         """One seed's value as text: a word as it is, and a dash for None."""
@@ -116,7 +126,7 @@ class Column:
         """The mean over seeds of the number, or of the first number of a tuple; None if there is none."""
         numbers = []
         for row in seeds:
-            value = self.value(row)
+            value = self._number(row)
             if isinstance(value, tuple):
                 value = value[0]  # the mean of (mean, std), or the lower end of an interval
             if isinstance(value, int | float):
@@ -130,10 +140,14 @@ class Column:
         """
         if not self.sign or not seeds or self.star(seeds):
             return None
-        if all(self.value(row) == EXACT for row in seeds):
+        if self.is_exact(seeds):
             return float("inf")
         mean = self.mean(seeds)
         return None if mean is None else self.sign * mean
+
+    def is_exact(self, seeds: Sequence[Row]) -> bool:
+        """Whether all of these rows read “exact”."""
+        return all(self.value(row) == EXACT for row in seeds)
 
 
 def _digits(metric: str) -> int:
@@ -157,7 +171,11 @@ def _mean(name: str, unit: str, family: str, group: str = "", digits: int = 2, s
     def value(row: Row) -> Value:
         return stated(row.stats(group or row.deciding_group, family), statistic)
 
-    return Column(name, unit, value, partial(fixed, digits=digits))
+    def counted(row: Row) -> Value:
+        """The stored number of exact slices: 100 dB of PSNR, 1 of SSIM."""
+        return row.stats(group or row.deciding_group, family).get(statistic)
+
+    return Column(name, unit, value, partial(fixed, digits=digits), counted=counted)
 
 
 def _spread(name: str, unit: str, family: str, digits: int = 2) -> Column:
@@ -166,7 +184,12 @@ def _spread(name: str, unit: str, family: str, digits: int = 2) -> Column:
     def value(row: Row) -> Value:
         return stated(row.stats(row.deciding_group, family), "mean", "std")
 
-    return Column(name, unit, value, partial(plus_minus, digits=digits), over="slices")
+    def counted(row: Row) -> Value:
+        """The stored mean of exact slices, 100 dB of PSNR or 1 of SSIM, and its deviation, 0."""
+        mean = row.stats(row.deciding_group, family).get("mean")
+        return None if mean is None else (mean, 0.0)
+
+    return Column(name, unit, value, partial(plus_minus, digits=digits), over="slices", counted=counted)
 
 
 def bits(job: Job, size: int) -> float:

@@ -7,6 +7,7 @@ uses, so it has none. The codecs are *set against* one row by paired differences
 pair of directions) of its PSNR minus that row's, in dB. *Told apart* are two whose difference is hardly chance.
 """
 
+import math
 from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
@@ -107,7 +108,9 @@ def _standing_cells(
     for column in chosen:
         mean = _mean(column, codecs) if has_rank else None
         star = column.star(seeds)
-        if mean is None:
+        if has_rank and seeds and column.is_exact(seeds):
+            scored_cells.append((EXACT, math.inf))
+        elif mean is None:
             scored_cells.append((NONE, None))
         elif star:  # a time that was measured apart is not ranked
             scored_cells.append((column.write(mean) + star, None))

@@ -31,6 +31,7 @@ from bench.inputs.errors import InputError
 # The `source` of a provenance. These words are part of fingerprints, so they stay, however our packages are called.
 RENDERED = "rendered by bench.materials"
 BAKED = "baked from maps by bench.bake"
+SAME_DIRECTION = 1e-6  # the largest distance of two unit vectors that count as one direction
 MANY_TEXELS = 4_096  # that are read at once: more are picked out of whole slices
 Array = np.ndarray
 
@@ -433,4 +434,25 @@ def _distinct(directions: Array) -> tuple[Array, Array]:
     _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # NumPy sorts the rows by value; this puts them in the order of their first places
     rank = np.argsort(order)  # and this tells where each of NumPy's rows then stands
-    return directions[first[order]], rank[inverse.reshape(-1)]
+    return _merged(directions[first[order]], rank[inverse.reshape(-1)])
+
+
+def _merged(distinct: Array, index: Array) -> tuple[Array, Array]:
+    """Distinct rows (n, 3) and the index of each direction in them, where rows within 1e-6 of each other become one.
+
+    Rounding has merged most; it leaves apart those on either side of a boundary. The first of several stands for all.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(distinct).query_pairs(SAME_DIRECTION, output_type="ndarray")  # (m, 2)
+    if not len(near):
+        return distinct, index
+    ones = np.ones(len(near), bool)
+    graph = coo_array((ones, (near[:, 0], near[:, 1])), shape=(len(distinct), len(distinct)))
+    _, group = connected_components(graph, directed=False)  # of each row
+    _, first, merged = np.unique(group, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.argsort(order)
+    return distinct[first[order]], rank[merged.reshape(-1)][index]

@@ -34,19 +34,21 @@ class _Newest(NamedTuple):
 
     score_keys: dict[tuple[str, Any], ScoreKey]  # by material and seed, because the scored pairs differ by seed
     shapes: dict[str, Any]  # by material: height and width of its texels
+    trainings: dict[str, str]  # by material: the fingerprint of the training pairs, which seeds share; "" if unknown
     fit_keys: dict[tuple[str, str], Mapping[str, Any]]  # by codec and recipe
     codes: dict[tuple[Any, ...], str | None]  # by row: the hash of the code that fitted it
 
     @classmethod
     def of(cls, finished: Sequence[Job], published: Collection[str]) -> "_Newest":
         """Of finished jobs in order of time. Data and pairs of those that `published` names count as newer than any."""
-        newest = cls({}, {}, {}, {})
+        newest = cls({}, {}, {}, {}, {})
         others = [job for job in finished if job["job"] not in published]
         of_published = [job for job in finished if job["job"] in published]
         # A later job of the same key takes the place of an earlier one.
         for job in [*others, *of_published]:
             newest.score_keys[job["material"], job.get("seed")] = job["score_key"]
             newest.shapes[job["material"]] = job.get("shape")
+            newest.trainings[job["material"]] = job.get("fit_key", {}).get("training", "")
         for job in finished:
             newest.fit_keys[_recipe_of(job)] = job.get("fit_key", {})
             newest.codes[row_of(job)] = job.get("fit_key", {}).get("code")
@@ -61,6 +63,10 @@ class _Newest(NamedTuple):
         if not reasons and shape and expected and shape != expected:
             reasons.append(f"other data ({shape[0]} × {shape[1]} texels instead of {expected[0]} × {expected[1]})")
         fit_key = job.get("fit_key", {})
+        training = fit_key.get("training", "")
+        expected_training = self.trainings[job["material"]]
+        if not reasons and training and expected_training and training != expected_training:
+            reasons.append("fitted to other training pairs")
         other_version = _version_differences(fit_key, self.fit_keys[_recipe_of(job)])
         if other_version:
             reasons.append(other_version)

@@ -254,7 +254,8 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
         try:
             return unpacked(stored[PSNR])
         except ValueError as error:
-            raise InputError(f"{folder}: the slices of {job['job']} cannot be read ({error}): run it again") from error
+            remedy = "make the reference again"
+            raise InputError(f"{folder}: the slices of {job['job']} cannot be read ({error}): {remedy}") from error
     if not stored:
         return None
     path = folder / stored
@@ -267,7 +268,8 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
         if raw.ndim != 1 or raw.shape != heldout.shape or (raw.dtype.kind, heldout.dtype.kind) != ("f", "b"):
             raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): run it again") from error
+        remedy = "run it again with --fresh"  # else the record is found again, and no slices are written
+        raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): {remedy}") from error
     if deciding_group(job["scores"]) == "heldout":
         raw = raw[heldout]
     return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)

@@ -26,13 +26,12 @@ def thinned(btf: BTF, pairs: int) -> BTF:
     """About `pairs` of a BTF's pairs (0: all), always the same ones.
 
     Of a product, evenly spread views with evenly spread lights are kept, which is a product again. Pairs that form no
-    product are drawn at random. Held-out pairs that the data declare outside a product are drawn at random, too, and
-    apart from the training pairs, so that both keep their shares of all pairs.
+    product are drawn at random. Held-out pairs that the data declare are drawn at random, too, and apart from the
+    training pairs, so that both keep their shares of all pairs.
     """
     if not 0 < pairs < len(btf):  # all are wanted, or more than there are
         return btf
-    is_product = btf.layout.grid is not None
-    if is_product or btf.heldout is None or not btf.heldout.any():
+    if btf.heldout is None or not btf.heldout.any() or btf.heldout.all():
         return btf.subset(_evenly_spread(btf.layout, pairs))
     train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
     # At least one of each, however few pairs are wanted.

@@ -23,10 +23,14 @@ class Joined(Source):
         self.parts = (first, second)
         self.shape = first.shape
         self.count = first.count + second.count
+        self.at_once = max(first.at_once, second.at_once)
 
-    def slice(self, pair: int) -> Array:
-        first, second = self.parts
-        return first.slice(pair) if pair < first.count else second.slice(pair - first.count)
+    def slices(self, pairs: Array) -> list[Array]:
+        """As `Source.slices`: each part reads its own pairs together."""
+        found: dict[int, Array] = {}  # by place in `pairs`
+        for places, part, part_pairs in self._by_part(pairs):
+            found |= zip(places.tolist(), part.slices(part_pairs), strict=True)
+        return [found[place] for place in range(len(pairs))]
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
         """As `Source.texels`: each part fills in its own pairs."""

@@ -169,7 +169,10 @@ class Scene:
     description: str = ""
 
     def __post_init__(self) -> None:
-        """Raise `InputError` if the lights of all frames would take too many samples."""
+        """Raise `InputError` if frames differ in size, or if the lights of all would take too many samples."""
+        sizes = {(camera.width, camera.height) for camera in self.cameras}
+        if len(sizes) > 1:
+            raise InputError("camera: all frames of a path have one width and one height: give them outside the path")
         # Each lamp takes time at each sample of its environment.
         samples = sum(light.samples * (1 + len(light.lamps)) for light in self.lights)
         if samples * len(self.cameras) > MOST:

@@ -197,10 +197,10 @@ class Attempt:
             self.checkpoint.unlink(missing_ok=True)  # before the next try, the code that wrote it may be fixed
             more["fit_key"] = self.fit_key
         except InputError:  # a codec that cannot be made has no key
-            pass
-        # The key does not cover metrics, which may be mended: a key that never matches makes the next run try again.
-        if isinstance(error, PluginError):
             more["fit_key"] = {}
+        # The key does not cover metrics, which may be mended.
+        if isinstance(error, PluginError):
+            more["fit_key"] = {}  # never matches, so that the next run tries again
         if isinstance(error, CodecError | PluginError):  # its message names the codec or the plug-in already
             text = str(error)
         else:
@@ -225,7 +225,7 @@ class Attempt:
 
     def _would_fail_again(self, earlier: Job) -> bool:
         """Whether nothing that a failed job depends on has changed since."""
-        if "fit_key" not in earlier:  # the codec could not be made with these settings
+        if "fit_key" not in earlier:  # its workers died, or it took too long: only `--retry-failed` tries it again
             return True
         return earlier["fit_key"] == self.fit_key
 

@@ -270,7 +270,8 @@ class _Session:
         for task in in_order:
             fault = faults.get(task.codec.label)
             if fault:
-                yield failed_outcome(task, fault)
+                # A key that never matches: once the codec can be made, the job is tried again.
+                yield failed_outcome(task, fault, {"fit_key": {}})
             else:
                 runnable.append(task)
         self.workers.show_with(self.options.show)

@@ -24,7 +24,7 @@ import itertools
 import math
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -320,6 +320,11 @@ def canonical(suite: Suite) -> Suite:
         specs = [dataclasses.replace(spec, settings=changed_settings(spec)) for spec in suite.codecs]
     except InputError as error:
         raise InputError(f"suite {suite.name}: {error}") from error
+    return dataclasses.replace(suite, codecs=_merged(specs))
+
+
+def _merged(specs: Sequence[CodecSpec]) -> tuple[CodecSpec, ...]:
+    """The entries of a suite, of which those with equal labels become one, on the materials of all of them."""
     unique: dict[str, CodecSpec] = {}  # by label
     for spec in specs:
         if spec.label not in unique:
@@ -331,7 +336,7 @@ def canonical(suite: Suite) -> Suite:
         else:
             materials = ()  # one of the two is for all materials, so both together are
         unique[spec.label] = dataclasses.replace(first, materials=materials)
-    return dataclasses.replace(suite, codecs=tuple(unique.values()))
+    return tuple(unique.values())
 
 
 def changed_settings(spec: CodecSpec) -> dict[str, Any]:
@@ -374,8 +379,7 @@ def _with_change(suite: Suite, key: str, value: str) -> Suite:
         codecs.append(spec)
     if not reached:
         raise InputError(f"--set {key}: no codec of this run has a setting {name!r}{_hint(suite, scope, name)}")
-    unique = {spec.label: spec for spec in codecs}  # a sweep over the changed setting has become one job
-    return dataclasses.replace(suite, codecs=tuple(unique.values()))
+    return dataclasses.replace(suite, codecs=_merged(codecs))  # a sweep over the changed setting has become one job
 
 
 def _hint(suite: Suite, scope: str, name: str) -> str:

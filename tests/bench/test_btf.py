@@ -124,6 +124,15 @@ def test_layout_finds_views_lights_and_their_product():
     assert Layout.of(from_degrees([0, 0, 30, 30], 0), from_degrees([10, 10, 10, 20], 0)).grid is None  # one pair twice
 
 
+def test_directions_that_differ_by_rounding_are_one():
+    btf, _ = product(9, 8)
+    noise = np.random.default_rng(0).uniform(-3e-8, 3e-8, (2, len(btf), 3))
+    layout = Layout.of(btf.wo + noise[0], btf.wi + noise[1])
+    assert layout.grid is not None
+    np.testing.assert_array_equal(layout.grid, btf.layout.grid)
+    np.testing.assert_allclose(layout.views, btf.layout.views, atol=1e-7)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_drawn_split_is_disjoint_complete_and_keeps_the_product(seed):
     btf, _ = product(9, 8)

@@ -76,7 +76,8 @@ class RunMaker:
 
     def _group(self, psnr):
         exact = 4 if psnr >= MOST_DB else 0
-        quality = {"mean": psnr, "std": 1.5, "worst": psnr - 3, "pooled": psnr, "exact": exact, "slices": 4}
+        pooled = None if exact else psnr  # of no error at all it is infinite, which no record holds
+        quality = {"mean": psnr, "std": 1.5, "worst": psnr - 3, "pooled": pooled, "exact": exact, "slices": 4}
         unit = {"mean": 0.75, "std": 0.125, "pooled": 0.75, "exact": exact, "slices": 4}
         radiance = {"mean": 0.02, "std": 0.01, "pooled": 0.025, "exact": exact, "slices": 4, "relative": 0.333}
         by_unit = {"dB": quality, "1": unit, "radiance": radiance}

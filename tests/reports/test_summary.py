@@ -36,6 +36,19 @@ def test_a_codec_without_error_ranks_first_and_one_alone_has_no_summary(made):
     assert (exact[:5], other[:5]) == (["table", "1 of 1", "1.0", "1", "exact"], ["pca", "1 of 1", "2.0", "0", "30.00"])
 
 
+def test_an_exact_codec_is_the_best_by_each_metric_and_counts_in_means(made):
+    for material, psnrs in (("satin", (100.0, 100.0, 30.0)), ("brick", (100.0, 30.0, 30.0))):
+        for label, psnr in zip(("table", "half", "pca"), psnrs, strict=True):
+            made.job(label, material=material, psnr=psnr)
+    table = summary_table(load_run(made.folder))
+    names = [name for name, _ in table.headers]
+    ssim = names.index("SSIM")
+    rows = {row[0]: row for row in table.rows}
+    assert rows["table"][ssim] == "exact"
+    assert rows["half"][ssim] != "—", "exact slices have a number, too"
+    assert table.marks[table.rows.index(rows["table"]), ssim] == "bold"
+
+
 def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
     for material in ("satin", "brick"):
         made.job("pca", material=material, psnr=30.0).job("vq", material=material, psnr=28.5)

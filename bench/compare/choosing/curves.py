@@ -183,7 +183,7 @@ def _mean_of(job: Job, family: str, footprint: str) -> float | None:
 
 
 class _Line(NamedTuple):
-    """A piecewise linear function: x, which does not descend, and y."""
+    """A piecewise linear function: x, which does not descend, and y. It jumps where two points have the same x."""
 
     x: Sequence[float]
     y: Sequence[float]
@@ -224,10 +224,11 @@ def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
     if low >= high:
         return None
     inner = sorted(x for x in (*ours.x, *theirs.x) if low < x < high)
-    # Both are linear between these places, so the trapezium rule is exact.
+    # Both are linear between these places, so the midpoint rule is exact. It asks no function where it may jump.
     places = np.array([low, *inner, high])
-    gap = np.interp(places, ours.x, ours.y) - np.interp(places, theirs.x, theirs.y)
-    areas = np.diff(places) * (gap[1:] + gap[:-1]) / 2
+    middles = (places[1:] + places[:-1]) / 2
+    gap = np.interp(middles, ours.x, ours.y) - np.interp(middles, theirs.x, theirs.y)
+    areas = np.diff(places) * gap
     return float(areas.sum() / (high - low))
 
 

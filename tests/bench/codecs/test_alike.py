@@ -6,7 +6,8 @@ from bench.training import stored_texture
 
 
 def job(label="pca", seed=0, run="1", **key):
-    fit = {"version": 4, "store": 2, "code": "a"} | {k: v for k, v in key.items() if k in ("version", "store", "code")}
+    fit = {"version": 4, "store": 2, "code": "a", "training": "t"}
+    fit |= {name: value for name, value in key.items() if name in fit}
     score = {"btf": "f", "exposure": 1.0, "metrics": {"psnr_display": key.get("metric", 2)}}
     named = {"job": f"satin/{label}/{seed}/{run}", "material": "satin", "label": label, "codec": label.split()[0]}
     return named | {"seed": seed, "run": run, "status": "ok", "fit_key": fit, "score_key": score}
@@ -39,6 +40,14 @@ def test_a_record_of_another_version_is_stale(key, why):
 def test_versions_of_a_codec_do_not_mix_over_seeds_or_settings_and_the_newest_stands():
     jobs = [job(run="2"), job("pca components=8", run="1", version=3), job("vq", run="1", version=3)]
     assert alike.obstacles(jobs) == {"satin/pca components=8/0/1": "codec version 3 instead of 4"}
+
+
+def test_seeds_fitted_to_other_training_pairs_do_not_mix():
+    """Each seed has test pairs of its own, so these tell nothing; but all seeds share their training pairs."""
+    jobs = [job(seed=0, run="2"), job(seed=1, training="other"), job("vq", run="2")]
+    assert alike.obstacles(jobs) == {"satin/pca/1/1": "fitted to other training pairs"}
+    without = job(seed=1) | {"fit_key": {"version": 4, "store": 2}}  # handed in without
+    assert alike.obstacles([job(seed=0, run="2"), without]) == {}
 
 
 def test_a_recipe_may_have_a_version_of_its_own():

@@ -286,6 +286,15 @@ def test_times_advise_as_multiples_of_mean_colour_in_the_same_start(make):
     assert advice("f", make.timing(ns=700, batch=1), make.timing("mean-colour", ns=100, batch=1)) is None
 
 
+def test_times_advise_on_a_single_codec_too(make):
+    """Its times are multiples of `mean-colour`, which is then not among the rows."""
+    jobs = [make.job(), make.job("mean-colour")]
+    base = make.run("base", *jobs, make.timing(ns=500), make.timing("mean-colour", ns=100))
+    new = make.run("new", *jobs, make.timing(ns=700), make.timing("mean-colour", ns=100))
+    (row,) = compare(base, new, codecs=["pca"]).rows
+    assert (row.label, row.timing.words) == ("pca", "slower")
+
+
 def test_what_the_runs_do_not_share_is_said(make):
     base, new = make.run("base", make.job()), make.run("new", make.job(), packages={"torch": "3.0"}, threads=2)
     with open(new.folder / "records.jsonl", "a") as file:

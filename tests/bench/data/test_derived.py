@@ -33,6 +33,17 @@ def test_declared_heldout_pairs_keep_their_share_and_the_training_pairs_their_pr
     assert thin.subset(np.flatnonzero(~thin.heldout)).layout.grid is not None
 
 
+@pytest.mark.parametrize("pairs", [1, 16])
+def test_declared_heldout_pairs_of_a_product_keep_their_share(pairs):
+    btf = tiny_btf(4, 9, 9)
+    third_view = btf.layout.view == 3
+    btf = BTF("declared", btf.wo, btf.wi, btf.source, heldout=third_view)
+    thin = thinned(btf, pairs)
+    assert thin.heldout.sum() == max(1, round(pairs / 9))
+    assert (~thin.heldout).sum() >= 1
+    assert thin.subset(np.flatnonzero(~thin.heldout)).layout.grid is not None
+
+
 def test_shrunk_pictures_are_averages_of_whole_boxes_and_scattered_reads_agree(brief, monkeypatch):
     btf = tiny_btf(13, 4, 4)
     small = shrunk(btf, 4)

@@ -189,6 +189,7 @@ def test_a_huge_picture_asks_for_frames_that_fit_in_memory(monkeypatch):
         ("target = [0, 0, 0]", "target = [0, 0, 4]", "no ray of the camera finds the material"),
         ("up = [0, 1, 0]", "path = []", "path has no frame"),
         ("up = [0, 1, 0]", "path = [3]", "camera"),
+        ("up = [0, 1, 0]", "path = [{width = 8}, {}]\nup = [0, 1, 0]", "camera: all frames .* one width"),
         ("[2, 2]", "[2, 0]", "surface: repeat"),
         ("[surface]", "[surface]\nshape = ['sphere']", "shape"),
         ("directional", "direct", "'direct'; did you mean 'directional'"),
@@ -207,7 +208,7 @@ def test_a_huge_picture_asks_for_frames_that_fit_in_memory(monkeypatch):
         ("[1, 2, 3]", "[1, 2, 3]\nsamples = 16", "lights: a light of kind directional has no samples"),
         (SUN, SKY + "position = [0, 0, 1]", "lights: a light of kind environment has no position"),
     ],
-    ids=range(30),
+    ids=range(31),
 )
 def test_a_scene_that_will_not_do_says_why(old, new, message):
     scene = (ABOVE + SUN).replace(old, new)

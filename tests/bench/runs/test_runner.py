@@ -19,10 +19,11 @@ from bench.data.spec import MaterialSpec, Preparation
 from bench.demand.collect import collect
 from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
-from bench.inputs.errors import ContainerError, InputError
+from bench.inputs.errors import CodecError, ContainerError, InputError
 from bench.metrics import get
 from bench.metrics.display import to_display
 from bench.records import FILE, load_run
+from bench.runs import runner
 from bench.runs.evaluation import material_of_job
 from bench.runs.executors import InProcess, Workers
 from bench.runs.runner import Options, run
@@ -200,6 +201,21 @@ def test_a_job_that_lost_its_worker_is_started_again_and_the_third_time_fails_al
     assert [o.cached for o in outcomes(tmp_path / "always")] == ["record", "record"]
     again = outcomes(tmp_path / "always", retry_failed=True)
     assert [o.record["status"] for o in again] == ["ok", "ok"]
+
+
+def test_a_job_whose_codec_could_not_be_made_is_tried_again_once_it_can(tmp_path, monkeypatch):
+    whole = runner.make_codec
+
+    def broken(name, settings):
+        if name == "pca":
+            raise CodecError("codec pca cannot be imported: SyntaxError")
+        return whole(name, settings)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "make_codec", broken)
+        assert [o.record["status"] for o in outcomes(tmp_path)] == ["failed", "ok"]
+        assert [o.record["status"] for o in outcomes(tmp_path)] == ["failed", "ok"]
+    assert [o.record["status"] for o in outcomes(tmp_path)] == ["ok", "ok"]
 
 
 def test_jobs_stand_in_the_order_of_the_suite_in_whatever_order_they_end(tmp_path):

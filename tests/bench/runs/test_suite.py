@@ -74,6 +74,21 @@ def test_a_suite_is_scored_at_test_pairs_but_where_it_says_validation():
         with_changes(suite, [], [], {"data.split": "tests"}, None)
 
 
+def test_entries_that_a_change_makes_equal_run_on_the_materials_of_both():
+    text = """
+    materials = ["satin", "brick"]
+    codecs = [
+        {codec = "pca", components = 4, materials = ["satin"]},
+        {codec = "pca", components = 8, materials = ["brick"]},
+        {codec = "vq", codes = 8},
+        {codec = "vq", codes = 9, materials = ["brick"]},
+    ]
+    """
+    changes = {"pca.components": "2", "vq.codes": "4"}
+    suite = with_changes(parse_suite("test", text), [], [], changes, None)
+    assert {spec.codec: spec.materials for spec in suite.codecs} == {"pca": ("satin", "brick"), "vq": ()}
+
+
 def test_a_row_has_one_name_however_it_is_spelled():
     suite = parse_suite("test", TEXT + '\n[[codecs]]\ncodec = "pca"\nzstd = false\nmaterials = ["satin"]\n')
     suite = with_changes(suite, [], [], {"pca.components": "16"}, None)

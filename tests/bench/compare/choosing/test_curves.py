@@ -119,6 +119,13 @@ def test_a_curve_that_is_higher_or_half_as_large_everywhere_is_so_by_that():
     assert bd_rate(halved, OURS) == pytest.approx(-0.5)
     dips = Curve([2.0, 3.0, 4.0, 5.0], [20.0, 26.0, 25.0, 30.0])  # test pairs may fall where validation pairs rise
     assert bd_rate(dips, dips) == pytest.approx(0.0)
+    # Where a curve dips, its bytes jump at one height: the mean over heights, read between them, is the oracle.
+    dips = Curve([0.0, 1.0, 2.0, 3.0], [28.0, 30.0, 29.9, 35.0])
+    heights = np.arange(28.0005, 35.0, 0.001)
+    ours = np.interp(heights, [28.0, 30.0, 30.0, 35.0], dips.sizes)
+    theirs = np.interp(heights, [28.0, 35.0], [0.0, 3.0])
+    expected = 2 ** (ours - theirs).mean() - 1
+    assert bd_rate(dips, Curve([0.0, 3.0], [28.0, 35.0])) == pytest.approx(expected, abs=1e-4)
     far = Curve([7.0, 8.0], [40.0, 41.0])
     assert bd_psnr(far, OURS) is None
     # No file of the lower curve is as good as the smallest of the higher.

@@ -114,6 +114,7 @@ def test_joined_tables_answer_as_their_parts():
     pair, row, col = np.array([0, 13, 5, 16, 12]), np.array([0, 7, 3, 2, 1]), np.array([4, 5, 6, 7, 0])
     np.testing.assert_array_equal(btf.gather(pair, row, col), whole[pair, row, col])
     np.testing.assert_array_equal(btf.texels(row, col), whole[:, row, col].swapaxes(0, 1))
+    np.testing.assert_array_equal(np.stack(btf.source.slices(np.array([16, 0, 13]))), whole[[16, 0, 13]])
     some = btf.subset([3, 15])
     np.testing.assert_array_equal(some.texels(row, col), whole[[3, 15]][:, row, col].swapaxes(0, 1))
 
