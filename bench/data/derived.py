@@ -9,6 +9,7 @@ a BTF's values in the cache, as float16 and ordered for reads of single texels (
 import hashlib
 import logging
 import math
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -40,6 +41,37 @@ def thinned(btf: BTF, pairs: int) -> BTF:
     some_train = train[_evenly_spread(Layout.of(btf.wo[train], btf.wi[train]), train_pairs)]
     some_heldout = heldout[_random_indices(len(heldout), heldout_pairs)]
     return btf.subset(np.concatenate([some_train, some_heldout]))
+
+
+class _Chosen(Source):
+    """Some pairs of another source, numbered anew: a scratch file holds these alone."""
+
+    def __init__(self, source: Source, pairs: Array):
+        """`pairs` (n,) are indices of the source's pairs."""
+        self.source = source
+        self.pairs = pairs
+        self.shape = source.shape
+        self.count = len(pairs)
+        self.at_once = source.at_once
+
+    def slices(self, pairs: Array) -> list[Array]:
+        return self.source.slices(self.pairs[pairs])
+
+    def fingerprint(self) -> str:
+        """A hash of the source's fingerprint and the pairs."""
+        digest = hashlib.sha256(f"{self.source.digest}, the pairs ".encode())
+        digest.update(self.pairs.astype(np.int64).tobytes())
+        return digest.hexdigest()
+
+
+def alone(btf: BTF) -> BTF:
+    """The BTF over a source of its pairs alone, so that others are neither read nor repaired nor copied."""
+    return replace(btf, source=_Chosen(btf.source, btf.pairs), pairs=np.arange(len(btf)))
+
+
+def reads_slices(source: Source) -> bool:
+    """Whether a source has no scattered reads of its own: it copies all its slices into a scratch file for them."""
+    return type(source).gather is Source.gather
 
 
 class _Shrunk(Source):

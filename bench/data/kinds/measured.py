@@ -2,7 +2,7 @@
 
 from bench.btf import BTF
 from bench.codec import Progress
-from bench.data.derived import repaired, shrunk, thinned
+from bench.data.derived import alone, reads_slices, repaired, shrunk, thinned
 from bench.data.kinds import OF_RENDERED, Kind, LoadTracer
 from bench.data.spec import MaterialSpec, Preparation
 
@@ -22,7 +22,11 @@ class Measured(Kind):
         """
         from bench.data.readers import open_btf
 
-        btf = thinned(open_btf(spec.there(), data.angles), data.pairs)
+        whole = open_btf(spec.there(), data.angles)
+        btf = thinned(whole, data.pairs)
+        is_copied = data.repair or data.texels or reads_slices(whole.source)
+        if len(btf) < len(whole) and is_copied:
+            btf = alone(btf)
         if data.split == "validation":
             btf = btf.without_test()  # its own split then holds out pairs to choose settings by
         elif data.validation:

@@ -1,9 +1,12 @@
 import numpy as np
 import pytest
 
-from bench.btf import BTF, scratch
+from bench.btf import BTF, ArraySource, Source, scratch
+from bench.codec import silent
 from bench.conformance.check import tiny_btf
 from bench.data.derived import shrunk, thinned
+from bench.data.kinds.measured import Measured
+from bench.data.spec import MaterialSpec, Preparation
 
 
 def test_thinning_measured_data_keeps_the_product_and_draws_other_pairs_by_seed():
@@ -42,6 +45,39 @@ def test_declared_heldout_pairs_of_a_product_keep_their_share(pairs):
     assert thin.heldout.sum() == max(1, round(pairs / 9))
     assert (~thin.heldout).sum() >= 1
     assert thin.subset(np.flatnonzero(~thin.heldout)).layout.grid is not None
+
+
+class Watched(ArraySource):
+    """An array that notes which pairs are read; it has no scattered reads of its own, like a folder of pictures."""
+
+    gather = Source.gather
+    texels = Source.texels
+
+    def __init__(self, values):
+        super().__init__(values)
+        self.read = set()
+
+    def slice(self, pair):
+        self.read.add(pair)
+        return super().slice(pair)
+
+
+def test_pairs_that_are_left_out_are_neither_read_nor_copied_nor_repaired(brief, monkeypatch):
+    """22 GB of a measurement are not read for 500 of its pairs, and an unused pair that is spoiled does no harm."""
+    btf = tiny_btf(8, 9, 9)
+    values = np.stack(list(btf))
+    used = set(thinned(btf, 16).pairs.tolist())
+    values[next(pair for pair in range(81) if pair not in used)] = np.nan
+    source = Watched(values)
+    whole = BTF("watched", btf.wo, btf.wi, source)
+    monkeypatch.setattr("bench.data.readers.open_btf", lambda *_: whole)
+    preparation = Preparation(pairs=16, texels=4, repair=True)
+    small = Measured().open(MaterialSpec("watched", path="."), preparation, silent, 0, None)
+    rows, cols = np.array([0, 3]), np.array([1, 2])
+    expected = thinned(btf, 16).downsample(2)
+    np.testing.assert_allclose(small.texels(rows, cols), expected.texels(rows, cols), rtol=1e-3)
+    np.testing.assert_array_equal(small.wo, expected.wo)
+    assert source.read == used
 
 
 def test_shrunk_pictures_are_averages_of_whole_boxes_and_scattered_reads_agree(brief, monkeypatch):
