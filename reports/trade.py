@@ -155,9 +155,12 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
     for row in rows:
         if "from_float32" in row:  # PSNR in dB, None without any difference
             worst = EXACT if row["from_float32"] is None else fixed(row["from_float32"], 1)
-            gained = cast(float, row["psnr"]) - cast(float, psnr_of_eager_float32[row["label"]])
+            eager_psnr = psnr_of_eager_float32.get(row["label"])  # None if its slices could not be read
+            gained = NONE
+            if eager_psnr is not None:
+                gained = signed(cast(float, row["psnr"]) - eager_psnr)
             time = significant(row["ratio_to_floor"])
-            cells.append([name_of_choice(row), time, worst, signed(gained), fixed(row["flip"], 3)])
+            cells.append([name_of_choice(row), time, worst, gained, fixed(row["flip"], 3)])
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."

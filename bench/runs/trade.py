@@ -319,8 +319,8 @@ def _choices(
     """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front.
 
     First each file is scored in each variant, a row each; then all that could be are timed together, and the times join
-    the rows. The last row is the floor, one bilinear fetch of a colour. Keeps what it measured in the run's folder, for
-    the case that it is interrupted.
+    the rows. The last row is the floor, one bilinear fetch of a colour; there is none if nothing could be timed. Keeps
+    what it measured in the run's folder, for the case that it is interrupted.
     """
     unfinished = Unfinished(run.folder)
     rows: list[TradeChoice] = []
@@ -344,6 +344,8 @@ def _choices(
             else:
                 timed[len(rows)] = ready
             rows.append(row)
+    if not timed:  # every row has an error: no time, and no floor that times are compared with
+        return rows
     floor = _add_times(workbench.name, rows, timed, suite.threads, device, ceilings, unfinished, show)
     _mark_fronts([row for row in rows if "error" not in row])
     return [*rows, floor]

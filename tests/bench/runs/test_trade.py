@@ -183,6 +183,24 @@ def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(measured, quick, 
     assert rows["neubtf-direct steps=20"]["ns_per_sample"] > 0
 
 
+def test_a_file_whose_slices_are_gone_is_a_row_that_says_so_and_loses_only_its_own_figures(
+    measured, quick, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
+    shutil.copytree(measured[0], tmp_path / "run")
+    run = load_run(tmp_path / "run")
+    (tmp_path / "run" / run.job("tiny/neubtf-direct steps=20/0")["slices"]).unlink()
+    result = trade.measure(replace(SUITE, variants=("eager bfloat16",)), run, "cpu")
+    trade.write(tmp_path / "run", result)
+    text = table_text(tmp_path / "run", kind="trade")
+    (line,) = re.findall(r"^neubtf-direct steps=20 +\S+ +\S+ +(\S+) +\S+\n\[eager bfloat16\]", text, re.M)
+    assert line == "—"  # gained on what is not known
+    # Without any other file nothing can be timed, and there is no floor.
+    alone = trade.measure(replace(SUITE, codecs=SUITE.codecs[2:], variants=()), run, "cpu")
+    assert list(by_name(alone)) == ["neubtf-direct steps=20"]
+    assert "ns_per_sample" not in alone["choices"][0]
+
+
 def test_what_was_measured_of_a_material_is_kept_when_the_next_one_fails(measured, quick, tmp_path, monkeypatch):
     shutil.copytree(measured[0], tmp_path / "run")
     other = MaterialSpec("other")
