@@ -15,7 +15,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, cast
 
-from bench.compare.choosing import name_of_choice
+from bench.compare.choosing import answers, name_of_choice
 from bench.records import MOST_DB, Ceiling, Profile, TradeChoice, grouped, load_trade
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
@@ -28,9 +28,9 @@ def trade_tables(folder: Path) -> Iterator[Table]:
     if trade is None:
         return
     for material in dict.fromkeys(row["material"] for row in trade["choices"]):
-        answers = [text for text in trade["answers"] if text.startswith(f"{material}: ")]  # sentences for a reader
         rows = [row for row in trade["choices"] if row["material"] == material]
-        yield _choices(material, rows, answers)
+        # Sentences for a reader, anew: those in the file may name choices that were fitted again since.
+        yield _choices(material, rows, list(answers(material, rows)))
         if any("from_float32" in row for row in rows):  # without other executions there is nothing to compare
             yield _stability(material, rows)
         profiles = [record for record in trade["profiles"] if record["material"] == material]
@@ -67,15 +67,15 @@ _ABOVE = (
 )
 
 
-def _choices(material: str, rows: Sequence[TradeChoice], answers: list[str]) -> Table:
+def _choices(material: str, rows: Sequence[TradeChoice], sentences: list[str]) -> Table:
     """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
 
-    `answers` are sentences about the material, such as which choice is the fastest: they are its first notes.
+    `sentences` are about the material, such as which choice is the fastest: they are its first notes.
     """
     has_noise = any("noise" in row or "noise_error" in row for row in rows)
     headers = list(_CHOICES)
     cells = [_choice_cells(row) for row in rows]
-    notes = [*answers, _conditions(rows)]
+    notes = [*sentences, _conditions(rows)]
     notes += [f"{name_of_choice(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed
     if any(row.get("of_limit", 0) > 1 for row in rows):
         notes.append(_ABOVE)

@@ -366,6 +366,21 @@ def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
     assert labels == [row["label"] for row in result["choices"] if row["label"] != "mean-colour"]
 
 
+def test_no_sentence_or_profile_is_of_a_file_that_was_fitted_again(measured, tmp_path):
+    folder, result = measured
+    shutil.copy(folder / "records.jsonl", tmp_path)
+    trade.write(tmp_path, result)
+    best = max(usable_rungs(result["choices"], "tiny"), key=lambda rung: rung.score).of
+    assert f"tiny: the best is {best['label']}" in " ".join(table_text(tmp_path, kind="trade").split())
+    assert load_trade(tmp_path)["profiles"] == result["profiles"]
+    job = load_run(folder).job(best["job"])
+    append(tmp_path, job | {"score_key": job["score_key"] | {"sha256": "another"}})
+    text = " ".join(table_text(tmp_path, kind="trade").split())
+    assert "tiny: the best is " in text
+    assert best["label"] not in text
+    assert load_trade(tmp_path)["profiles"] == []
+
+
 def choosing(monkeypatch, out, suite=SUITE, **wish):
     monkeypatch.setattr("bench.cli.commands.choose.load_suite", lambda name: suite)
     parser = argparse.ArgumentParser()
