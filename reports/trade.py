@@ -97,17 +97,18 @@ def _noise_cells(row: TradeChoice) -> list[str]:
 
 
 def _choice_cells(row: TradeChoice) -> list[str]:
-    """The cells of a choice, in the order of `_CHOICES`; the floor has times alone, and a failed choice dashes."""
+    """The cells of a choice, in the order of `_CHOICES`; the floor has times alone, and a failed choice dashes.
+
+    A choice whose time cannot be measured has its quality and bytes, and dashes after them.
+    """
     if "error" in row:
-        return [name_of_choice(row), *[NONE] * (len(_CHOICES) - 1)]
+        known = _quality_cells(row) if "psnr" in row else []
+        dashes = [NONE] * (len(_CHOICES) - 1 - len(known))
+        return [name_of_choice(row), *known, *dashes]
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
     time.append(" to ".join(map(significant, row["ratio_interval95"])))
     if "bytes" not in row:  # it is the floor
         return [name_of_choice(row), NONE, NONE, NONE, NONE, *time, NONE, NONE]
-    psnr = row["psnr"]
-    mean = EXACT if psnr is not None and psnr >= MOST_DB else fixed(psnr, 2)  # an exact slice counts as `MOST_DB`
-    worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
-    quality = [mean, worst, fixed(row["flip"], 3), integer(row["bytes"])]
     limit = fixed(100 * row["of_limit"], 1)  # per cent
     if row["of_limit"] > 1:
         limit += " *"
@@ -116,7 +117,15 @@ def _choice_cells(row: TradeChoice) -> list[str]:
         fronts.append("speed")
     if row["smallest"]:
         fronts.append("rate")
-    return [name_of_choice(row), *quality, *time, limit, ", ".join(fronts) or NONE]
+    return [name_of_choice(row), *_quality_cells(row), *time, limit, ", ".join(fronts) or NONE]
+
+
+def _quality_cells(row: TradeChoice) -> list[str]:
+    """PSNR, worst slice, FLIP and bytes of a choice that was scored."""
+    psnr = row["psnr"]
+    mean = EXACT if psnr is not None and psnr >= MOST_DB else fixed(psnr, 2)  # an exact slice counts as `MOST_DB`
+    worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
+    return [mean, worst, fixed(row["flip"], 3), integer(row["bytes"])]
 
 
 def _noise_notes(rows: Sequence[TradeChoice]) -> Iterator[str]:
