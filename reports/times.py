@@ -156,7 +156,7 @@ def _conditions(run: Run, timing: Timing, variant: str = "") -> str:
 
     `variant` stands in the place of its execution and precision, if given.
     """
-    starts = [start for start in run.starts if start["run"] == timing["run"]]
+    starts = [start for start in run.starts if start.get("run", "") == timing["run"]]
     machine = starts[0].get("machine", Machine()) if starts else Machine()
     # The best name that is known: of the GPU, else of the processor, else the kind of the device, such as "cpu".
     place = timing.get("gpu") or machine.get("processor") or timing["device"]

@@ -15,7 +15,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, cast
 
-from bench.compare.choosing import name_of_choice
+from bench.compare.choosing import answers, name_of_choice
 from bench.records import MOST_DB, Ceiling, Profile, TradeChoice, grouped, load_trade
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
@@ -28,9 +28,9 @@ def trade_tables(folder: Path) -> Iterator[Table]:
     if trade is None:
         return
     for material in dict.fromkeys(row["material"] for row in trade["choices"]):
-        answers = [text for text in trade["answers"] if text.startswith(f"{material}: ")]  # sentences for a reader
         rows = [row for row in trade["choices"] if row["material"] == material]
-        yield _choices(material, rows, answers)
+        # Sentences for a reader, anew: those in the file may name choices that were fitted again since.
+        yield _choices(material, rows, list(answers(material, rows)))
         if any("from_float32" in row for row in rows):  # without other executions there is nothing to compare
             yield _stability(material, rows)
         profiles = [record for record in trade["profiles"] if record["material"] == material]
@@ -67,15 +67,15 @@ _ABOVE = (
 )
 
 
-def _choices(material: str, rows: Sequence[TradeChoice], answers: list[str]) -> Table:
+def _choices(material: str, rows: Sequence[TradeChoice], sentences: list[str]) -> Table:
     """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
 
-    `answers` are sentences about the material, such as which choice is the fastest: they are its first notes.
+    `sentences` are about the material, such as which choice is the fastest: they are its first notes.
     """
     has_noise = any("noise" in row or "noise_error" in row for row in rows)
     headers = list(_CHOICES)
     cells = [_choice_cells(row) for row in rows]
-    notes = [*answers, _conditions(rows)]
+    notes = [*sentences, _conditions(rows)]
     notes += [f"{name_of_choice(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed
     if any(row.get("of_limit", 0) > 1 for row in rows):
         notes.append(_ABOVE)
@@ -97,17 +97,18 @@ def _noise_cells(row: TradeChoice) -> list[str]:
 
 
 def _choice_cells(row: TradeChoice) -> list[str]:
-    """The cells of a choice, in the order of `_CHOICES`; the floor has times alone, and a failed choice dashes."""
+    """The cells of a choice, in the order of `_CHOICES`; the floor has times alone, and a failed choice dashes.
+
+    A choice whose time cannot be measured has its quality and bytes, and dashes after them.
+    """
     if "error" in row:
-        return [name_of_choice(row), *[NONE] * (len(_CHOICES) - 1)]
+        known = _quality_cells(row) if "psnr" in row else []
+        dashes = [NONE] * (len(_CHOICES) - 1 - len(known))
+        return [name_of_choice(row), *known, *dashes]
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
     time.append(" to ".join(map(significant, row["ratio_interval95"])))
     if "bytes" not in row:  # it is the floor
         return [name_of_choice(row), NONE, NONE, NONE, NONE, *time, NONE, NONE]
-    psnr = row["psnr"]
-    mean = EXACT if psnr is not None and psnr >= MOST_DB else fixed(psnr, 2)  # an exact slice counts as `MOST_DB`
-    worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
-    quality = [mean, worst, fixed(row["flip"], 3), integer(row["bytes"])]
     limit = fixed(100 * row["of_limit"], 1)  # per cent
     if row["of_limit"] > 1:
         limit += " *"
@@ -116,7 +117,15 @@ def _choice_cells(row: TradeChoice) -> list[str]:
         fronts.append("speed")
     if row["smallest"]:
         fronts.append("rate")
-    return [name_of_choice(row), *quality, *time, limit, ", ".join(fronts) or NONE]
+    return [name_of_choice(row), *_quality_cells(row), *time, limit, ", ".join(fronts) or NONE]
+
+
+def _quality_cells(row: TradeChoice) -> list[str]:
+    """PSNR, worst slice, FLIP and bytes of a choice that was scored."""
+    psnr = row["psnr"]
+    mean = EXACT if psnr is not None and psnr >= MOST_DB else fixed(psnr, 2)  # an exact slice counts as `MOST_DB`
+    worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
+    return [mean, worst, fixed(row["flip"], 3), integer(row["bytes"])]
 
 
 def _noise_notes(rows: Sequence[TradeChoice]) -> Iterator[str]:
@@ -155,9 +164,12 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
     for row in rows:
         if "from_float32" in row:  # PSNR in dB, None without any difference
             worst = EXACT if row["from_float32"] is None else fixed(row["from_float32"], 1)
-            gained = cast(float, row["psnr"]) - cast(float, psnr_of_eager_float32[row["label"]])
+            eager_psnr = psnr_of_eager_float32.get(row["label"])  # None if its slices could not be read
+            gained = NONE
+            if eager_psnr is not None:
+                gained = signed(cast(float, row["psnr"]) - eager_psnr)
             time = significant(row["ratio_to_floor"])
-            cells.append([name_of_choice(row), time, worst, signed(gained), fixed(row["flip"], 3)])
+            cells.append([name_of_choice(row), time, worst, gained, fixed(row["flip"], 3)])
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."

@@ -51,10 +51,18 @@ class Programs(Codec):
 
     @dataclass(frozen=True)
     class Settings:
-        called: str = "command"  # the name of its rows
+        called: str = "command"  # the name of its rows, one word
         encode: str = ""  # the program that encodes, with {btf} and {files}, and optionally {seed} and {threads}
         decode: str = ""  # the program that answers, with {files}
         seconds: Positive = 3600.0  # the longest that it may take to encode, or for an answer
+
+        def __post_init__(self) -> None:
+            # Tables take the first word of a label for the codec, and this name begins the label.
+            if self.called.split() != [self.called]:
+                raise InputError(
+                    f"setting called of codec command must be one word without blanks, the name of its rows; "
+                    f"{self.called!r} is none: write one such as 'my-codec'"
+                )
 
     @property
     def digest(self) -> str:

@@ -131,7 +131,7 @@ def seeds_of(run: Run) -> int:
 
 def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
     """The timings of jobs for a reference; starts are numbered, so that their times change nothing in it."""
-    starts = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
+    starts = {start.get("run", ""): str(i) for i, start in enumerate(run.starts, 1)}
     for job in jobs:
         timing = run.timing(job)
         if timing is None:  # the job was not timed
@@ -169,7 +169,7 @@ def _seeds_of_suite(run: Run) -> set[int]:
         return set()
     try:
         suite = tomllib.loads(run.starts[-1]["text"])
-        return set(suite.get("seeds", ()))
+        return set(suite.get("seeds", (0,)))  # as a suite without seeds has it
     except (KeyError, tomllib.TOMLDecodeError):
         return set()
 

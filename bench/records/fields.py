@@ -30,6 +30,7 @@ Kept = TypeVar("Kept", Job, RunStart, Timing, Stress)
 _RESULT_FIELDS = ("scores", "metrics", "bytes", "parameters")  # the fields of a job that has a result
 # The fields of a choice of a trade: of every one that was timed, and of those that have a file, too.
 _TIMED = ("ns_per_sample", "ratio_to_floor", "ratio_interval95", "batch", "threads")
+_SCORED = ("bytes", "psnr", "worst", "flip")
 _WITH_FILE = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", "smallest")
 
 
@@ -85,10 +86,11 @@ def fault_of_trade(trade: Mapping[str, Any]) -> str:
     if wrong:
         return wrong
     for row in trade["choices"]:
+        needed: tuple[str, ...] = _TIMED
         if "error" in row:
-            continue
-        # The floor, a bare network, has no file and so no bytes.
-        needed = (*_TIMED, *_WITH_FILE) if "bytes" in row else _TIMED
+            needed = _SCORED if "psnr" in row else ()  # some are scored, but their time cannot be measured
+        elif "bytes" in row:  # the floor, a bare network, has no file and so no bytes
+            needed = (*_TIMED, *_WITH_FILE)
         wrong = kinds.missing(row, needed, f"choices/{row['label']:.60}")
         if wrong:
             return wrong

@@ -259,7 +259,8 @@ def _files_of(source: Path) -> list[Path]:
 def load_trade(folder: Path) -> Trade | None:
     """Read the measurements of `neubtf-bench trade`; None if it was not run. `InputError` for an unreadable file.
 
-    Choices are left out if their codec files were fitted again since.
+    Choices are left out if their codec files were fitted again since, and with them the profiles of their material. The
+    sentences under `answers` are those of all choices: `bench.compare.choosing.answers` makes those of what is left.
     """
     try:
         trade: Trade = json.loads((folder / TRADE).read_text(encoding="utf-8"))
@@ -274,13 +275,17 @@ def load_trade(folder: Path) -> Trade | None:
         raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
     run = load_run(folder)
     choices = []
+    outdated = set()  # materials that lost a choice
     for row in trade["choices"]:
         job = run.job(row.get("job", "")) or {}
         recorded = job.get("score_key", {}).get("sha256")
         # A failed choice and the floor name no file; the default makes them agree, so they stay.
         if row.get("sha256", recorded) == recorded:
             choices.append(row)
-    return trade | {"choices": choices}
+        else:
+            outdated.add(row["material"])
+    profiles = [record for record in trade["profiles"] if record["material"] not in outdated]
+    return trade | {"choices": choices, "profiles": profiles}
 
 
 def _add_line(run: Run, line: Line) -> bool:

@@ -138,9 +138,9 @@ def decoded_settings(
         specs = [spec for spec in suite.codecs if not spec.materials or surface.name in spec.materials]
         for count, spec in enumerate(specs):
             show(f"{surface.name}: fits of one step", count, len(specs))
-            codec = one_step_codec(spec)
-            path = folder / "files" / _file_name(suite, surface, codec)
             try:
+                codec = one_step_codec(spec)
+                path = folder / "files" / _file_name(suite, surface, codec)
                 if not path.exists():
                     if btf is None:  # opened once a surface, and only if a file is missing
                         btf = open_material(surface, suite.data, show, path_tracer=load_path_tracer)

@@ -9,6 +9,7 @@ other settings. Before a variant is timed, its answers are compared with float64
 
 import copy
 import logging
+import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -250,13 +251,18 @@ def wait_for_gpu(device: torch.device) -> None:
 
 @torch.no_grad()
 def difference_from_exact(ready: Material, exact: Material, precision: str) -> float:
-    """The largest difference of answers from float64's, as a multiple of the largest that the precision may have."""
+    """The largest difference of answers from float64's, as a multiple of the largest that the precision may have.
+
+    `InputError` if it is not finite: a short type may overflow, and no record holds such a number.
+    """
     queries = Queries(CHECKED).draw(exact.size, exact.device)
     answers = ready.query(*queries).double()
     truth = exact.query(*queries).double()
     absolute, relative = TOLERANCES[precision]
     allowed = absolute + relative * float(truth.abs().max())
     largest = float((answers - truth).abs().max())
+    if not math.isfinite(largest):
+        raise InputError("answers are not finite")
     return largest / allowed
 
 
@@ -290,7 +296,12 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
     # A later setting takes the place of an earlier one of its codec: suites list the largest last.
     specs = {}
     for spec in suite.codecs:
-        if "steps" in settings_dict(make_codec(spec.codec, spec.settings)):
+        try:
+            codec = make_codec(spec.codec, spec.settings)
+        except InputError as error:
+            log.warning("%s: its fit is not timed: %s", spec.label, error)
+            continue
+        if "steps" in settings_dict(codec):
             specs[spec.codec] = spec
     surface = surfaces_of(suite)[0]
     btf = open_material(surface, suite.data, show, path_tracer=load_path_tracer)

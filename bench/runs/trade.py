@@ -154,7 +154,9 @@ def measure(
                 _add_noise(run, row, show)
         result["choices"] += choices
         if profiles:
-            result["profiles"] += profile(spec.name, _materials_to_profile(suite, run, jobs, device), cores, batches)
+            profiled = _materials_to_profile(suite, run, jobs, device)
+            if profiled:
+                result["profiles"] += profile(spec.name, profiled, cores, batches)
     lines: list[str] = []
     for spec in suite.materials:
         lines += answers(spec.name, result["choices"])
@@ -163,11 +165,23 @@ def measure(
 
 
 def _materials_to_profile(suite: Suite, run: Run, jobs: list[Job], device: str) -> dict[str, Material]:
-    """By label, the material of each job whose entry of the suite is no sweep; of the first job, if all are sweeps."""
-    profiled_jobs = [job for job in jobs if _without_sweep(suite, job)]
-    if not profiled_jobs:
-        profiled_jobs = jobs[:1]
-    return {job["label"]: material_of_job(run.folder, job, device) for job in profiled_jobs}
+    """By label, the material of each job whose entry of the suite is no sweep; of the first job, if all are sweeps.
+
+    None of them is one that another program decodes: its time cannot be measured.
+    """
+    materials = {}
+    for job in jobs:
+        if _without_sweep(suite, job):
+            material = material_of_job(run.folder, job, device)
+            if not material.opaque:
+                materials[job["label"]] = material
+    if materials:
+        return materials
+    for job in jobs:
+        material = material_of_job(run.folder, job, device)
+        if not material.opaque:
+            return {job["label"]: material}
+    return {}
 
 
 def _variants_on(suite: Suite, device: torch.device, emulated: bool) -> tuple[list[str], list[str]]:
@@ -319,14 +333,17 @@ def _choices(
     """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front.
 
     First each file is scored in each variant, a row each; then all that could be are timed together, and the times join
-    the rows. The last row is the floor, one bilinear fetch of a colour. Keeps what it measured in the run's folder, for
-    the case that it is interrupted.
+    the rows. The last row is the floor, one bilinear fetch of a colour; there is none if nothing could be timed. Keeps
+    what it measured in the run's folder, for the case that it is interrupted.
     """
     unfinished = Unfinished(run.folder)
     rows: list[TradeChoice] = []
     timed: dict[int, Material] = {}  # by the number of the row
     for job in jobs:
         material = material_of_job(run.folder, job, device)
+        if material.opaque:  # another program answers: its time would be that of exchanging files
+            rows.append(_row_without_time(run, job, device))
+            continue
         for variant in (Variant(), *_variants(suite, job, material)):
             row = _row(job, variant, device)
             if native.emulated(variant.precision, material.device):
@@ -344,6 +361,8 @@ def _choices(
             else:
                 timed[len(rows)] = ready
             rows.append(row)
+    if not timed:  # every row has an error: no time, and no floor that times are compared with
+        return rows
     floor = _add_times(workbench.name, rows, timed, suite.threads, device, ceilings, unfinished, show)
     _mark_fronts([row for row in rows if "error" not in row])
     return [*rows, floor]
@@ -372,6 +391,17 @@ def _row(job: Job, variant: Variant, device: str) -> TradeChoice:
         "device": device,
         "sha256": job["score_key"]["sha256"],
     }
+
+
+def _row_without_time(run: Run, job: Job, device: str) -> TradeChoice:
+    """The row of a file that another program decodes: its figures of quality, and why it has no time."""
+    row = _row(job, Variant(), device)
+    row["error"] = "its time cannot be measured"
+    try:
+        row |= _figures_of_run(run, job)
+    except Exception as error:  # the figures of others must not be lost
+        row["error"] = _on_one_line(error)
+    return row
 
 
 def _figures_of_run(run: Run, job: Job) -> TradeChoice:

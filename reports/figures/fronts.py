@@ -105,8 +105,11 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
     trade = load_trade(run.folder)
     choices = trade["choices"] if trade else []  # most runs have no trade
     for material in dict.fromkeys(row["material"] for row in choices):
-        # A choice without a PSNR, which failed or has no error, has no place on the axis of quality.
-        rows = [row for row in choices if row["material"] == material and row.get("psnr") is not None]
+        # A choice without a PSNR, such as the floor, has no place on the axis of quality; one that failed has no time.
+        rows = []
+        for row in choices:
+            if row["material"] == material and "error" not in row and row.get("psnr") is not None:
+                rows.append(row)
         if rows:
             with style():
                 drawing = _fronts(material, rows, Styles(run))

@@ -37,7 +37,7 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
         for job in run.jobs:
             jobs[number, job["job"]] = job
         for start in run.starts:
-            starts[start["run"]] = start
+            starts[start.get("run", "")] = start  # a reference names no start, nor do its jobs
     styles = Styles(Run(Path(), jobs=Records(jobs)))  # which reads nothing of a folder
     for material, codecs in _materials(runs).items():
         order = sorted(set().union(*codecs.values()))  # names of starts; each is named after its time

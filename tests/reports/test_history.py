@@ -1,5 +1,6 @@
 import numpy as np
 
+from bench.compare.reference import reference
 from bench.records import append, load_run
 from reports.figures import history
 
@@ -20,3 +21,15 @@ def test_test_and_validation_pairs_are_two_lines_and_starts_of_one_revision_are_
     assert lines["vq, validation pairs"].get_linestyle() != lines["vq, test pairs"].get_linestyle()
     ticks = [text.get_text() for text in time.get_xticklabels()]
     assert ticks == ["abc, 01-01 09:30", "abc, 01-02 10:15", "abc, 01-03 11:15"]
+
+
+def test_a_reference_whose_starts_have_no_names_is_drawn_as_one_of_them(made, tmp_path, monkeypatch):
+    append(made.folder, {"kind": "run", "run": "1", "suite": "made", "git": "abc"})
+    made.job("vq", fit_key={"version": 1}, score_key={"btf": "b"})
+    path = tmp_path / "reference.jsonl"
+    path.write_text(reference(load_run(made.folder)))
+    drawn, plain = {}, history.new
+    monkeypatch.setattr(history, "new", lambda *size: drawn.setdefault("figure", plain(*size)))
+    assert len(list(history.history_figures([load_run(path)]))) == 1
+    quality = drawn["figure"].axes[0]
+    assert [list(line.get_ydata()) for line in quality.lines] == [[30.0]]

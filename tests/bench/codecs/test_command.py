@@ -126,6 +126,16 @@ def test_programs_must_name_their_files(tmp_path, capsys):
     assert "has no {btf}" in load_run(tmp_path / "run").job("satin/mine/0")["error"]
 
 
+@pytest.mark.parametrize("called", ["", " ", "my codec", "mine ", "my\\tcodec"])
+def test_a_name_of_several_words_or_none_is_refused(tmp_path, capsys, called):
+    path = suite(tmp_path)
+    text = (tmp_path / "suite.toml").read_text().replace('"mine"', f'"{called}"')
+    (tmp_path / "suite.toml").write_text(text)
+    assert cli.main(["run", path, "--out", str(tmp_path / "run")]) == 2
+    assert "setting called of codec command must be one word" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "run" / "records.jsonl").exists()
+
+
 def test_a_file_starts_nothing_that_the_user_did_not_allow(tmp_path, monkeypatch):
     spy = DECODE + f"\n    open({str(tmp_path / 'started')!r}, 'w')\n"
     assert cli.main(["run", suite(tmp_path, decode=spy), "--out", str(tmp_path / "run")]) == 0

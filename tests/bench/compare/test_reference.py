@@ -7,7 +7,7 @@ from scipy import stats
 
 from bench import cli
 from bench.compare.comparison import compare
-from bench.compare.reference import few_seeds, reference
+from bench.compare.reference import few_seeds, reference, seeds_of
 from bench.compare.verdicts import Verdict
 from bench.inputs.errors import InputError
 from bench.records import load_run
@@ -44,6 +44,18 @@ def test_the_same_records_give_the_same_bytes_in_whatever_order_they_were_writte
     assert lines[0] == lines[1]
     again = make.run("again", *run.jobs, *run.timings, git="def")
     assert reference(again) == reference(run)
+
+
+def test_the_times_of_a_reference_are_written_again_as_they_are(run, tmp_path):
+    again = written(written(run, tmp_path / "a.jsonl"), tmp_path / "b.jsonl")
+    assert sorted(timing["ns_per_sample"] for timing in again.timings) == [100, 250]
+
+
+def test_a_suite_that_names_no_seeds_has_the_seed_0(make):
+    run = make.run("run", *make.seeds(PSNRS), text='materials = ["satin"]')
+    assert seeds_of(run) == 1
+    jobs = [json.loads(line) for line in reference(run).splitlines()[1:]]
+    assert ["ssim_periodic" in job["scores"]["heldout"]["metrics"] for job in jobs] == [True, False, False]
 
 
 def test_rows_of_few_seeds_that_differ_are_named(make):

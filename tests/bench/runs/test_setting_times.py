@@ -1,12 +1,15 @@
 """Settings are timed apart from surfaces, and tables of budgets then use these times alone."""
 
 import copy
+import re
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
 import torch
 
 from bench import cli
+from bench.codecs import registry
 from bench.inputs.errors import InputError
 from bench.records import load_run
 from bench.records.schema import setting_name
@@ -131,6 +134,47 @@ def test_variants_are_checked_timed_written_and_not_timed_again(tmp_path, short_
     assert "Executions and precisions" in text
     assert "Batches: ns a sample" in text
     assert "Steps of fits" in text
+
+
+def test_a_variant_whose_answers_are_not_finite_is_left_out(tmp_path, short_variants, monkeypatch, caplog):
+    prepared = setting_variants.prepared
+
+    def overflowing(material, variant):
+        ready = prepared(material, variant)
+        if variant.precision == "bfloat16":
+            query = ready.query
+            ready.query = lambda *queries: query(*queries) / 0
+        return ready
+
+    monkeypatch.setattr(setting_variants, "prepared", overflowing)
+    small = SUITE.replace("components = [1, 2]", "components = 1").partition('[[codecs]]\ncodec = "ntc"')[0]
+    found = setting_variants.time_variants(parse_suite("small", small), tmp_path / "times", "cpu", 5.0)
+    assert [(record["label"], record["dtype"]) for record in found] == [("pca components=1", "float32")]
+    assert "pca components=1, eager bfloat16: not timed: answers are not finite" in caplog.text
+
+
+BROKEN = SUITE.partition('[[codecs]]\ncodec = "ntc"')[0] + '[[codecs]]\ncodec = "broken"\n'
+
+
+@pytest.fixture
+def broken(monkeypatch):
+    """A codec whose package lacks a module, in `BROKEN`, a suite with another one."""
+    entry = EntryPoint("broken", "package_that_is_not_installed:Codec", registry.GROUP)
+    entries = registry.codec_entries() | {"broken": entry}
+    monkeypatch.setattr(registry, "codec_entries", lambda: entries)
+
+
+def test_a_codec_that_cannot_be_made_is_left_out_with_a_warning(tmp_path, broken, monkeypatch, caplog):
+    monkeypatch.setattr(setting_times, "TURNS", 2)
+    records = time_settings(parse_suite("small", BROKEN), tmp_path / "times")
+    assert {record["label"] for record in records} == {"pca components=1", "pca components=2"}
+    assert re.search("broken on satin: not timed: .*package_that_is_not_installed", caplog.text)
+
+
+def test_nor_are_variants_and_steps_of_a_codec_that_cannot_be_made(tmp_path, broken, short_variants, caplog):
+    found = setting_variants.time_variants(parse_suite("small", BROKEN), tmp_path / "times", "cpu", 5.0)
+    assert {record["label"] for record in found} == {"pca components=1", "pca components=2"}
+    assert re.search("broken: its fit is not timed: .*package_that_is_not_installed", caplog.text)
 
 
 def test_variants_end_when_their_minutes_are_over_and_keep_what_they_have(tmp_path, short_variants):

@@ -25,6 +25,7 @@ from bench.runs.suite import CodecSpec, Suite
 from bench.timing import native
 from bench.timing.execution import Variant
 from reports import table_text
+from reports.figures.fronts import trade_fronts
 
 CODECS = (
     CodecSpec("mean-colour"),
@@ -181,6 +182,56 @@ def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(measured, quick, 
     error = "ValueError: zip() argument 2 is shorter than argument 1"
     assert rows["neubtf-direct steps=20 [fused float32]"]["error"] == error
     assert rows["neubtf-direct steps=20"]["ns_per_sample"] > 0
+
+
+def test_a_file_whose_slices_are_gone_is_a_row_that_says_so_and_loses_only_its_own_figures(
+    measured, quick, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
+    shutil.copytree(measured[0], tmp_path / "run")
+    run = load_run(tmp_path / "run")
+    (tmp_path / "run" / run.job("tiny/neubtf-direct steps=20/0")["slices"]).unlink()
+    result = trade.measure(replace(SUITE, variants=("eager bfloat16",)), run, "cpu")
+    trade.write(tmp_path / "run", result)
+    text = table_text(tmp_path / "run", kind="trade")
+    (line,) = re.findall(r"^neubtf-direct steps=20 +\S+ +\S+ +(\S+) +\S+\n\[eager bfloat16\]", text, re.M)
+    assert line == "—"  # gained on what is not known
+    # Without any other file nothing can be timed, and there is no floor.
+    alone = trade.measure(replace(SUITE, codecs=SUITE.codecs[2:], variants=()), run, "cpu")
+    assert list(by_name(alone)) == ["neubtf-direct steps=20"]
+    assert "ns_per_sample" not in alone["choices"][0]
+
+
+def test_what_another_program_decodes_is_scored_and_not_timed(measured, quick, tmp_path, monkeypatch):
+    folder = shutil.copytree(measured[0], tmp_path / "run")
+    plain, of_programs, profiled = trade.material_of_job, {"mean-colour"}, []
+
+    def material_of_job(folder, job, device):
+        material = plain(folder, job, device)
+        material.opaque = job["label"] in of_programs
+        return material
+
+    monkeypatch.setattr(trade, "material_of_job", material_of_job)
+    monkeypatch.setattr(trade, "profile", lambda name, materials, *_: profiled.append(list(materials)) or [])
+    suite = replace(SUITE, codecs=SUITE.codecs[:2], variants=("fused float32",))
+    result = trade.measure(suite, load_run(folder), "cpu")
+    rows = by_name(result)
+    assert list(rows) == ["mean-colour", "pca components=2", timing.FLOOR]
+    assert rows["mean-colour"]["error"] == "its time cannot be measured"
+    assert rows["mean-colour"]["psnr"] == by_name(measured[1])["mean-colour"]["psnr"]
+    assert profiled == [["pca components=2"]]
+    trade.write(folder, result)
+    text = table_text(folder, kind="trade")
+    (line,) = (line for line in text.splitlines() if line.startswith("mean-colour "))
+    assert line.split()[1] == f"{rows['mean-colour']['psnr']:.2f}"
+    assert line.split()[-5:] == ["—"] * 5
+    assert "mean-colour: its time cannot be measured." in " ".join(text.split())
+    assert len(list(trade_fronts(load_run(folder)))) == 1
+    # If all of them are programs, nothing is timed or profiled.
+    of_programs.add("pca components=2")
+    result = trade.measure(suite, load_run(folder), "cpu")
+    assert list(by_name(result)) == ["mean-colour", "pca components=2"]
+    assert len(profiled) == 1
 
 
 def test_what_was_measured_of_a_material_is_kept_when_the_next_one_fails(measured, quick, tmp_path, monkeypatch):
@@ -346,6 +397,21 @@ def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
     append(tmp_path, job | {"score_key": job["score_key"] | {"sha256": "another"}})
     labels = [row["label"] for row in load_trade(tmp_path)["choices"]]
     assert labels == [row["label"] for row in result["choices"] if row["label"] != "mean-colour"]
+
+
+def test_no_sentence_or_profile_is_of_a_file_that_was_fitted_again(measured, tmp_path):
+    folder, result = measured
+    shutil.copy(folder / "records.jsonl", tmp_path)
+    trade.write(tmp_path, result)
+    best = max(usable_rungs(result["choices"], "tiny"), key=lambda rung: rung.score).of
+    assert f"tiny: the best is {best['label']}" in " ".join(table_text(tmp_path, kind="trade").split())
+    assert load_trade(tmp_path)["profiles"] == result["profiles"]
+    job = load_run(folder).job(best["job"])
+    append(tmp_path, job | {"score_key": job["score_key"] | {"sha256": "another"}})
+    text = " ".join(table_text(tmp_path, kind="trade").split())
+    assert "tiny: the best is " in text
+    assert best["label"] not in text
+    assert load_trade(tmp_path)["profiles"] == []
 
 
 def choosing(monkeypatch, out, suite=SUITE, **wish):
