@@ -141,7 +141,7 @@ def blended(picture: Array, margin: float) -> Array:
 
 def _overlap(side: int, margin: float) -> int:
     """Texels of a side to blend away: the margin's, and up to three more if the rest then fits the stride."""
-    least = round(side * margin)
+    least = min(round(side * margin), side // 2)
     fitting = least + (side - least) % STRIDE
     if least > 0 and 2 * fitting <= side:  # an overlap is at most half of the side
         return fitting

@@ -111,17 +111,23 @@ def _run(words: list[str]) -> int:
         return INTERNAL
 
 
+# The options that name a file to write.
+_WRITTEN = ("out", "json", "markdown", "junit", "picture", "copy")
+
+
 def _refuse_overwriting(options: argparse.Namespace) -> None:
-    """Raise an `InputError` if the file to write is one of the files to read: a measurement would be lost."""
-    out = getattr(options, "out", None)
-    if out is None or not os.path.isfile(out):
-        return
-    for name, value in vars(options).items():
-        words = value if isinstance(value, list) else [value]
-        for word in words:
-            may_be_input = name != "out" and isinstance(word, str | os.PathLike)
-            if may_be_input and (_same_file(word, out) or _is_read_in(word, out)):
-                raise InputError(f"{out}: this file is read, so it cannot be written, too: give --out another name")
+    """Raise an `InputError` if a file to write is one of the files to read: a measurement would be lost."""
+    for written in _WRITTEN:
+        out = getattr(options, written, None)
+        if out is None or not os.path.isfile(out):
+            continue
+        for name, value in vars(options).items():
+            words = value if isinstance(value, list) else [value]
+            for word in words:
+                may_be_input = name not in _WRITTEN and isinstance(word, str | os.PathLike)
+                if may_be_input and (_same_file(word, out) or _is_read_in(word, out)):
+                    remedy = f"give --{written} another name"
+                    raise InputError(f"{out}: this file is read, so it cannot be written, too: {remedy}")
 
 
 def _same_file(given: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:

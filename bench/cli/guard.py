@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from bench.codecs.outside_codecs import ending
 from bench.codecs.registry import from_outside
-from bench.inputs.errors import FAILED, NO
+from bench.inputs.errors import FAILED, NO, InputError
 from bench.machine.threads import handling
 
 VERDICTS = {"check": NO, "encode": FAILED}  # the commands that call a codec, and the exit code if it ends the process
@@ -23,7 +23,10 @@ def guarded(words: Sequence[str]) -> bool:
     """Whether a command is to run in a process of its own."""
     if not words or words[0] not in VERDICTS or REPORT in os.environ:
         return False
-    return any(from_outside(name) for name in _names(words))
+    try:
+        return any(from_outside(name) for name in _names(words))
+    except InputError:  # two packages name the same codec: the command itself says so
+        return False
 
 
 def _names(words: Sequence[str]) -> list[str]:

@@ -63,6 +63,14 @@ class Programs(Codec):
                     f"setting called of codec command must be one word without blanks, the name of its rows; "
                     f"{self.called!r} is none: write one such as 'my-codec'"
                 )
+            for name in ("encode", "decode"):
+                line = getattr(self, name)
+                if "\n" in line:
+                    raise InputError(f"setting {name} of codec command must be one line: write it without line breaks")
+                try:
+                    shlex.split(line)
+                except ValueError as error:
+                    raise InputError(f"setting {name} of codec command is no command line: {error}") from error
 
     @property
     def digest(self) -> str:
@@ -73,8 +81,9 @@ class Programs(Codec):
             digest.update(word.encode() + b"\0")
             program = shutil.which(word)  # None if the word names no program
             place = Path(word) if program is None else Path(program)
-            if place.is_file():
-                digest.update(place.read_bytes())
+            with suppress(OSError, ValueError):  # a word that can be no name, such as a whole script, is no file
+                if place.is_file():
+                    digest.update(place.read_bytes())
         return digest.hexdigest()
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:

@@ -20,7 +20,7 @@ import torch
 from bench.btf import BAKED, BTF, RENDERED
 from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork, settings_dict
 from bench.codecs import container
-from bench.files.atomic import cache_dir
+from bench.files.atomic import SHARED, cache_dir
 from bench.inputs.errors import ContainerError, InputError, MissingDataError
 
 
@@ -29,7 +29,7 @@ def folder() -> Path:
     folder_of_user = os.environ.get("NEUBTF_SHARED")
     if folder_of_user:
         return Path(folder_of_user)
-    return cache_dir() / "shared"
+    return cache_dir() / SHARED
 
 
 def place(codec: str) -> Path:

@@ -22,6 +22,7 @@ from bench.btf import BTF, Array, Layout, box_filter
 from bench.data.materials import maps
 from bench.data.readers.checks import negative
 from bench.directions.hemisphere import thin, to_degrees
+from bench.files.atomic import replacing
 from bench.inputs.errors import visible, writable
 from bench.metrics.display import exposure_of, to_display
 
@@ -373,8 +374,8 @@ def draw(seen: Look, out: Path) -> None:
         (theta_o, theta_i), (phi_o, phi_i) = to_degrees(directions)
         axes.set_title(f"o {theta_o:.0f}°, {phi_o:.0f}°   i {theta_i:.0f}°, {phi_i:.0f}°", fontsize=7)
         axes.set_axis_off()
-    with writable(out):
-        figure.savefig(out, format="png", dpi=100)
+    with writable(out), replacing(out) as partial:
+        figure.savefig(partial, format="png", dpi=100)
 
 
 def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> None:

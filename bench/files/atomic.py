@@ -18,10 +18,16 @@ if TYPE_CHECKING:
     import numpy as np
 
 SUFFIX = ".partial"  # of temporary names
+SHARED = "shared"  # the folder of the cache with networks that a user trained: see `bench.codecs.shared`
 
 
 def refuse_device(path: Path) -> None:
-    """Raise an `InputError` for a device, a pipe or a socket: a file would take its place, even that of /dev/null."""
+    """Raise an `InputError` for a device, a pipe or a socket: a file would take its place, even that of /dev/null.
+
+    So it does for a path without a name, such as `.`.
+    """
+    if not path.name:
+        raise InputError(f"{path}: it is a folder: give the name of a file")
     if path.exists() and not path.is_file() and not path.is_dir():
         raise InputError(f"{path}: it is neither a file nor a folder, so it cannot be written: give another name")
 
@@ -142,16 +148,29 @@ def cache_dir() -> Path:
     return folder
 
 
+def cached_files() -> list[Path]:
+    """The files of the cache that can all be made again: not the networks under `SHARED`, which a user trained."""
+    shared = cache_dir() / SHARED
+    files = []
+    for path in cache_dir().rglob("*"):
+        is_file = path.is_symlink() or path.is_file()  # a link counts as a file, whatever it leads to
+        if is_file and shared not in path.parents:
+            files.append(path)
+    return files
+
+
 def clear_cache() -> tuple[int, int]:
-    """Remove every file and folder in the cache; return the number of files and their bytes."""
+    """Remove `cached_files`, and the folders that are empty then; return the number of files and their bytes."""
     count = 0
     total = 0
-    # In reverse order what is in a folder comes before the folder, which is then empty.
-    for path in sorted(cache_dir().rglob("*"), reverse=True):
-        if path.is_dir():
-            path.rmdir()
-        else:
-            count += 1
-            total += path.stat().st_size
+    for path in cached_files():
+        with suppress(FileNotFoundError):  # another process removed it meanwhile
+            total += path.lstat().st_size
             path.unlink()
+            count += 1
+    # In reverse order what is in a folder comes before the folder.
+    for path in sorted(cache_dir().rglob("*"), reverse=True):
+        if path.is_dir() and not path.is_symlink():
+            with suppress(OSError):  # it holds a trained network, or a file that another process wrote meanwhile
+                path.rmdir()
     return count, total

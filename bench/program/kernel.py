@@ -82,7 +82,7 @@ class Kernel(Backend):
         self.kind = kind
         # Whether products become functions that the kernel calls.
         self.calls = program.products() > MOST_LITERALS
-        self.tables: dict[tuple[int, int], tuple[Array, Scalar]] = {}  # by place and size in memory
+        self.tables: dict[tuple[Any, ...], tuple[Array, Scalar]] = {}  # by place in memory, shape and strides
 
     def __call__(self, uv: Sequence[Scalar], wo: Sequence[Scalar], wi: Sequence[Scalar], footprint: Scalar) -> Any:
         """The RGB of queries above the horizon: three Dr.Jit arrays, not yet clamped at 0."""
@@ -142,8 +142,8 @@ class Kernel(Backend):
 
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
         """As `Backend.look_up`: the table lies in memory, and an index beyond its end gives the last row."""
-        # Steps that read the same table give views of the same memory, so place and size name it: it is stored once.
-        key = (table.__array_interface__["data"][0], table.size)
+        # Steps that read the same table give views of the same memory: it is stored once. Its transpose is another one.
+        key = (table.__array_interface__["data"][0], table.shape, table.strides)
         if key not in self.tables:
             array_type = self.kind.Float if kind == "float" else self.kind.Int
             flat = array_type(np.ascontiguousarray(table).reshape(-1))

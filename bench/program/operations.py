@@ -13,6 +13,7 @@ import numpy as np
 from bench.program import Step
 from bench.program.backend import Array, Backend, Operation, Rows, Scalar, Value, as_array, is_number, listed
 
+MOST_FACTORS = 8  # of a power that is written as a product
 INFINITE = 9_223_372_036_854_775_807  # the end of a slice without an end
 
 OPERATIONS: dict[str, Operation] = {}
@@ -155,10 +156,16 @@ def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = N
 
 @operation("pow")
 def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
-    """Powers; squares and roots without `pow`, which GLSL does not define for a negative base."""
-    if isinstance(exponent, Value) or exponent not in (2, 0.5):
+    """Powers; whole ones and roots without `pow`, which GLSL does not define for a negative base."""
+    if isinstance(exponent, Value):
         return _each(m, step, "pow({0}, {1})", base, exponent).items
-    formula = "{0} * {0}" if exponent == 2 else FORMULAS["sqrt"]
+    if exponent == 0.5:
+        return _each(m, step, FORMULAS["sqrt"], base).items
+    is_product = float(exponent).is_integer() and 1 <= abs(exponent) <= MOST_FACTORS
+    if not is_product:
+        return _each(m, step, "pow({0}, {1})", base, exponent).items
+    product = " * ".join(["{0}"] * int(abs(exponent)))
+    formula = product if exponent > 0 else f"1.0 / ({product})"
     return _each(m, step, formula, base).items
 
 
@@ -348,9 +355,21 @@ def _index(m: Backend, step: Step, table: Value, indices: list[Value | None]) ->
     grids = [listed(grid) for grid in np.broadcast_arrays(*index_arrays)]
     chosen = []
     for place in zip(*grids, strict=True):
-        row = _row_of(m, place, lead)
+        from_front = [_from_front(m, number, length) for number, length in zip(place, lead, strict=True)]
+        row = _row_of(m, from_front, lead)
         chosen.append(looked_up(m, rows, row, step.kind))
     return as_array(chosen)
+
+
+def _from_front(m: Backend, number: Scalar, length: int) -> Scalar:
+    """An index of an axis, counted from its front: PyTorch counts a negative one from the end."""
+    if length == 1:
+        return 0
+    if is_number(number):
+        return number % length
+    (is_negative,) = m.each(TRUTHS["lt"], [[number], [0]], "int", "bool")
+    (wrapped,) = m.each("{0} + {1}", [[number], [length]], "int", "int")
+    return m.choose(is_negative, wrapped, number, "int")
 
 
 def _row_of(m: Backend, place: Sequence[Scalar], lead: Sequence[int]) -> Scalar:

@@ -151,6 +151,8 @@ def test_a_command_does_not_write_over_what_it_reads(folder, capsys):
     ):
         assert cli.main(words) == 2
         assert "this file is read, so it cannot be written, too: give --out another name" in capsys.readouterr().err
+    assert cli.main(["info", "measured.npz", "--picture", "measured.npz"]) == 2
+    assert "measured.npz: this file is read, so it cannot be written, too: give --picture" in capsys.readouterr().err
     assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "measured.npz"]) == 2
     assert "measured.npz: a file of another kind has this name" in capsys.readouterr().err
     assert cli.main(["encode", "measured.npz", "--codec", "mean-colour", "-o", "."]) == 2

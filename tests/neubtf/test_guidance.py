@@ -84,3 +84,7 @@ def test_blending_gives_no_negative_light() -> None:
 def test_what_is_blended_fits_the_autoencoder_s_cells(side: int, left: int) -> None:
     """A sixth of the side is lost, and up to three texels more; pictures of a few texels keep what they have."""
     assert blended(np.ones((side, side, 3), np.float32), 1 / 6).shape == (left, left, 3)
+
+
+def test_half_of_an_odd_side_is_blended() -> None:
+    assert blended(np.ones((7, 1023, 3), np.float32), 0.5).shape == (4, 512, 3)

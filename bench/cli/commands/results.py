@@ -30,7 +30,7 @@ from bench.codecs.described import described_codecs
 from bench.compare.reference import published
 from bench.files.atomic import write
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
-from bench.records import load_together
+from bench.records import FILE, load_together
 from bench.runs.archive import unpack
 from reports import KINDS, WHY_EMPTY, table_text
 from reports.board.assembly import write_board
@@ -91,6 +91,8 @@ def _add(run: Path, file: Path) -> int:
     """Add the records of a run to a file, where they replace those of the same jobs; returns the exit code."""
     if file.suffix != ".jsonl":
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
+    if file.name == FILE:  # what a run keeps for itself would be lost
+        raise InputError(f"{file}: the records of a run have this name: give another one")
     sources = [run]
     if file.exists():
         sources = [file, run]  # of jobs that both have, those of the later source count
@@ -122,7 +124,10 @@ def _written(path: Path, writes: bool) -> bool:
 
 def _table(path: Path, words: str) -> str:
     """What the command `words` of a document prints, as Markdown: text in a fence, or a Markdown table as it is."""
-    command, *rest = shlex.split(words)
+    try:
+        command, *rest = shlex.split(words)
+    except ValueError as error:  # an open quote, or no word at all
+        raise InputError(f"{path}: `neubtf-bench {words}` is no command: {error}") from error
     parser = argparse.ArgumentParser(add_help=False, exit_on_error=False)
     table.arguments(parser)
     try:

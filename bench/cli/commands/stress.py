@@ -60,6 +60,8 @@ def run(options: argparse.Namespace) -> int:
     # Try the catalogue on codecs and, unless only some extremes are asked for, the pictures on metrics and losses.
     codecs, cases = stress.chosen(options.codec, options.case)
     cases = [case for case in cases if case.cheap or not options.cheap]
+    if not cases:
+        raise InputError("--cheap: none of the cases given is cheap: leave it out")
     with writable(options.out, "choose another --out"):
         options.out.mkdir(parents=True, exist_ok=True)
     start: records.RunStart = {"kind": "run", "suite": "stress", "device": "cpu"}

@@ -5,8 +5,8 @@ import pytest
 
 from bench import cli
 from bench.codecs import container, loading
-from bench.codecs.command import ProgramMaterial
-from bench.inputs.errors import CodecError, ContainerError
+from bench.codecs.command import ProgramMaterial, Programs
+from bench.inputs.errors import CodecError, ContainerError, InputError
 from bench.records import load_run
 
 ENCODE = """
@@ -69,6 +69,8 @@ def test_programs_are_scored_as_a_codec_is(tmp_path, capsys):
     assert mine["program"]["ns_per_query"] > 0
     assert "program" not in known
     capsys.readouterr()
+    assert cli.main(["results", "add", str(tmp_path / "run"), str(tmp_path / "records.jsonl")]) == 2
+    assert "the records of a run have this name" in capsys.readouterr().err
     assert cli.main(["results", "add", str(tmp_path / "run"), str(tmp_path / "kept.jsonl")]) == 0
     assert cli.main(["table", "main", str(tmp_path / "kept.jsonl")]) == 0
     shown = capsys.readouterr().out
@@ -124,6 +126,14 @@ def test_programs_must_name_their_files(tmp_path, capsys):
     (tmp_path / "suite.toml").write_text(text)
     assert cli.main(["run", path, "--out", str(tmp_path / "run")]) == 3
     assert "has no {btf}" in load_run(tmp_path / "run").job("satin/mine/0")["error"]
+
+
+def test_command_lines_are_one_line_of_words_and_a_script_may_stand_in_them():
+    for line, message in (("a\nb {files}", "must be one line"), ("a 'b {files}", "is no command line: No closing")):
+        with pytest.raises(InputError, match=message):
+            Programs(decode=line)
+    script = "print(0); " * 100  # longer than any name of a file
+    assert Programs(encode=f"python3 -c '{script}' {{btf}} {{files}}", decode="python3 a.py {files}").digest
 
 
 @pytest.mark.parametrize("called", ["", " ", "my codec", "mine ", "my\\tcodec"])

@@ -137,6 +137,7 @@ def test_a_drawn_case_is_tried_again(monkeypatch, capsys):
     ("words", "message"),
     [
         (["--case", "constat"], "no such case"),
+        (["--case", "one pair", "--cheap"], "none of the cases given is cheap"),
         (["--codec", "pac"], "did you mean"),
         (["--codec", "pca", "--query", "0 0 1"], "it takes 9 numbers, not 3"),
         (["--codec", "pca", "--data", "a b"], "give numbers"),

@@ -139,7 +139,7 @@ def test_info_warns_and_draws(tmp_path, btf, capsys):
         with Image.open(tmp_path / name) as picture:
             assert picture.size[0] == 1200
             assert np.asarray(picture).std() > 10
-    assert cli.main(["info", str(tmp_path / "a.npz"), "--picture", str(tmp_path / "no" / "a.png")]) == 2
+    assert cli.main(["info", str(tmp_path / "a.npz"), "--picture", str(tmp_path / "a.npz" / "a.png")]) == 2
     assert "cannot be written" in capsys.readouterr().err
 
 

@@ -96,8 +96,12 @@ def test_the_folder_follows_the_environment_and_is_emptied_on_request(tmp_path, 
     assert cache_dir() == tmp_path / "here"
     (cache_dir() / "scratch").mkdir()
     (cache_dir() / "scratch" / "a.npy").write_bytes(b"12345")
-    assert clear_cache() == (1, 5)
-    assert list(cache_dir().iterdir()) == []
+    (cache_dir() / "scratch" / "broken").symlink_to("nowhere")
+    (cache_dir() / "shared").mkdir()
+    (cache_dir() / "shared" / "rainer2020.nbtf").write_bytes(b"hours of training")
+    count, size = clear_cache()
+    assert (count, size) == (2, 5 + len("nowhere"))
+    assert [path.name for path in cache_dir().rglob("*")] == ["shared", "rainer2020.nbtf"]
     monkeypatch.delenv("NEUBTF_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert cache_dir() == tmp_path / "xdg" / "neubtf-bench"

@@ -20,8 +20,17 @@ from tests.reports.shaders.reader import answer
 Evaluate = Callable[[Tensor, Tensor, Tensor], Tensor]
 
 
+SQUARE = torch.arange(16.0).reshape(4, 4)
+
+
 def whole(uv: Tensor) -> Tensor:
     return (9 * uv).long()
+
+
+def places(uv: Tensor) -> tuple[Tensor, Tensor]:
+    """A row and a column of `SQUARE` for each query."""
+    row, column = (4 * uv).long().clamp(0, 3).unbind(1)
+    return row, column
 
 
 MATERIALS: dict[str, Evaluate] = {
@@ -37,6 +46,13 @@ MATERIALS: dict[str, Evaluate] = {
     "the least of some numbers, and their places": lambda uv, wo, wi: (
         wo.abs() * torch.cat([wo, wi], 1).topk(3, largest=False).indices
     ),
+    "a table and its transpose": lambda uv, wo, wi: (
+        wo.abs() + SQUARE[places(uv)[0]][:, :3] + 100 * SQUARE.T[places(uv)[1]][:, :3]
+    ),
+    "indices that count from the end": lambda uv, wo, wi: (
+        wo.abs() + SQUARE[places(uv)[0] - 2, places(uv)[1] - 2][:, None]
+    ),
+    "whole powers of what may be negative": lambda uv, wo, wi: 1 + (wo - 0.5) ** 3 + 0.01 * (wo - 2) ** -1,
     "distances": lambda uv, wo, wi: torch.cdist(wo, torch.eye(3)),
     "a look-up of one whole number in few": lambda uv, wo, wi: (
         wo.abs() * torch.tensor([0.5, 2.0])[torch.tensor([1, 0])[whole(uv)[:, :1] % 2]]
@@ -69,6 +85,12 @@ def test_a_shader_does_it(name: str) -> None:
     code = shader(program_of(material), GLSL)
     ours = np.stack([answer(code, *query) for query in zip(*given, strict=True)])
     np.testing.assert_allclose(np.maximum(ours, 0), truth(material, given), rtol=1e-5, atol=1e-6)
+
+
+def test_a_shader_asks_for_no_whole_power_of_what_may_be_negative() -> None:
+    """GLSL leaves `pow` undefined there."""
+    code = shader(program_of(Made(MATERIALS["whole powers of what may be negative"])), GLSL)
+    assert "pow(" not in code.text
 
 
 @pytest.mark.parametrize("name", MATERIALS)
