@@ -50,6 +50,7 @@ def test_pretrain_encode_info_and_decode(measured, tmp_path, capsys):
         (["pretrain", "rainer2020", "--materials", "0"], "at least one training material"),
         (["pretrain", "rainer2020", "--set", "step=3"], "no setting 'step'; did you mean 'steps'?"),
         (["pretrain", "rainer2021"], "did you mean"),
+        (["pretrain", "rainer2020", "--steps", "3", "--set", "steps=5"], "they are the same: give only one"),
     ],
 )
 def test_what_cannot_be_pretrained_is_explained(words, message, capsys):

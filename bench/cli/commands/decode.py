@@ -19,14 +19,18 @@ from bench.directions.hemisphere import DIRECTION_SETS, thinned_product
 from bench.inputs.errors import FINE, InputError, did_you_mean
 from bench.material import Material
 
+# The pairs that are decoded if no option says which: so many views, and lights, of this set of directions.
+DIRECTIONS = "ubo2003"
+COUNT = 9
+
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command to its parser."""
     add = parser.add_argument
     add("file", type=Path)
     add("--like", help="decode at the pairs of this BTF (a built-in material or a path)")
-    add("--directions", default="ubo2003", help="without --like: the set of directions (default: ubo2003)")
-    add("--count", type=int, default=9, help="without --like: how many views, and lights, of it (default: 9)")
+    add("--directions", help=f"without --like: the set of directions (default: {DIRECTIONS})")
+    add("--count", type=int, help=f"without --like: how many views, and lights, of it (default: {COUNT})")
     add("--maps", action="store_true", help="write its PBR maps as PNG instead (only files of svbrdf)")
     add("--device", default="cpu")
     add("-o", "--out", type=Path, required=True, help="the folder to write")
@@ -34,6 +38,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Decode the file into slices, or into maps with --maps, and write them; returns the exit code."""
+    if options.like or options.maps:
+        for name in ("directions", "count"):
+            if getattr(options, name) is not None:
+                raise InputError(f"--{name}: not with --like or --maps: leave it out")
     header, material, _ = load(options.file, usable_device(options.device))
     if options.maps:
         return _decode_maps(options, material, header.codec)
@@ -62,10 +70,11 @@ def _decode_maps(options: argparse.Namespace, material: Material, codec: str) ->
 
 def _pairs(options: argparse.Namespace) -> tuple[Array, Array]:
     """Directions wo and wi (N, 3) of --count views × --count lights of the set --directions."""
-    if options.directions not in DIRECTION_SETS:
-        hint = did_you_mean(options.directions, DIRECTION_SETS)
-        raise InputError(f"--directions {options.directions}: no such set{hint}")
-    directions = DIRECTION_SETS[options.directions]()
-    if not 1 <= options.count <= len(directions):
-        raise InputError(f"--count {options.count}: must be between 1 and {len(directions)}")
-    return thinned_product(directions, options.count, options.count)
+    name = DIRECTIONS if options.directions is None else options.directions
+    count = COUNT if options.count is None else options.count
+    if name not in DIRECTION_SETS:
+        raise InputError(f"--directions {name}: no such set{did_you_mean(name, DIRECTION_SETS)}")
+    directions = DIRECTION_SETS[name]()
+    if not 1 <= count <= len(directions):
+        raise InputError(f"--count {count}: must be between 1 and {len(directions)}")
+    return thinned_product(directions, count, count)

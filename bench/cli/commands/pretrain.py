@@ -44,8 +44,12 @@ def run(options: argparse.Namespace) -> int:
     codec = load_codec(options.codec)
     if codec.network is None:
         raise InputError(f"codec {options.codec} shares no network over materials: it needs no pretraining")
-    steps = {} if options.steps is None else {"steps": str(options.steps)}
-    network = codec.network(**assignments(options.set) | steps)
+    settings = assignments(options.set)
+    if options.steps is not None:
+        if "steps" in settings:
+            raise InputError("--steps, --set steps: they are the same: give only one of them")
+        settings["steps"] = str(options.steps)
+    network = codec.network(**settings)
     device = torch.device(usable_device(options.device))
     count = MATERIALS if options.materials is None else options.materials
     with Console() as console:

@@ -93,6 +93,7 @@ def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
     # The angles went through degrees in a text file.
     np.testing.assert_allclose(decoded[7], material.slice(wo, wi).numpy(), atol=1e-4)
     assert cli.main(["decode", str(file), "--count", "2", "-o", str(tmp_path / "four")]) == 0
+    assert cli.main(["decode", str(file), "--count", "2", "--like", str(folder), "-o", str(tmp_path / "four")]) == 2
     assert len(open_btf(tmp_path / "four")) == 4
 
 
