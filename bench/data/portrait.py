@@ -190,7 +190,9 @@ def look(btf: BTF) -> Look:
         medians[pair] = float(np.median(texels.mean(1)))
         seams.append(maps.seams(picture))
         if pair in sheet:
-            thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
+            size = picture.shape[:2]
+            factor = min(max(size) // THUMB, *size)  # at most the short side of a strip, to leave something of it
+            thumbs[pair] = box_filter(picture, max(1, factor))
     # 3. What the slices say together. The z of a direction is the cosine of its θ.
     power = _power(btf.wi[of_one_view, 2], np.array([medians[pair] for pair in of_one_view]))
     power_o = _power(btf.wo[of_one_light, 2], np.array([medians[pair] for pair in of_one_light]))
