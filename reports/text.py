@@ -33,12 +33,25 @@ _MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>"}
 _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
 # The beginning of what a spreadsheet runs as a formula.
 _FORMULA = re.compile(r"\s*[=+@-]\S")
-_READ_NUMBER = re.compile(r"[+-]?\d[\d.]*([eE][+-]?\d+)?( .*)?")  # as CSV has it; a deviation or an interval may follow
+# A number as CSV has it, and what tables write after one: a deviation, the end of an interval, an interval in brackets,
+# a count, a star or a unit. Nothing else may follow, because a spreadsheet would run it: `-1 +cmd|'/C calc'!A0`.
+_SIGNED = r"[−+-]?\d[\d.,]*([eE][+-]?\d+)?"
+_AFTER = rf" (± {_SIGNED}|to {_SIGNED}|\({_SIGNED} to {_SIGNED}\)( \*)?|of \d+|\*|%|[^\W\d_]+)"
+_READ_NUMBER = re.compile(rf"{_SIGNED}({_AFTER})?")
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
 _LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
-# Characters that LaTeX has in mathematics alone, and the others that it takes for commands or lacks.
-_MATH = {"<": "<", ">": ">", "|": "|", "−": "-", "±": r"\pm", "×": r"\times", "θ": r"\theta", "φ": r"\varphi"}
-_MATH |= {"°": r"^\circ", "↑": r"\uparrow", "↓": r"\downarrow"}
+# Characters that LaTeX has in mathematics alone, and the others that it takes for commands or lacks. pdflatex knows of
+# itself only letters with accents and common punctuation.
+_MATH = {"<": "<", ">": ">", "|": "|", "−": "-", "±": r"\pm", "×": r"\times", "·": r"\cdot", "°": r"^\circ"}
+_MATH |= {"≥": r"\geq", "≤": r"\leq", "≈": r"\approx", "≠": r"\neq", "∞": r"\infty", "√": r"\surd", "∝": r"\propto"}
+_MATH |= {"↑": r"\uparrow", "↓": r"\downarrow", "→": r"\rightarrow", "←": r"\leftarrow"}
+_MATH |= {"†": r"\dagger", "‡": r"\ddagger", "•": r"\bullet"}
+_MATH |= {"¹": "^1", "²": "^2", "³": "^3", "⁻": "^-"} | {digit: f"^{i}" for i, digit in enumerate("⁴⁵⁶⁷⁸⁹", 4)}
+_MATH |= {digit: f"_{i}" for i, digit in enumerate("₀₁₂₃₄₅₆₇₈₉")}
+_GREEK = "alpha beta gamma delta varepsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon varphi"
+_MATH |= {letter: rf"\{name}" for letter, name in zip("αβγδεζηθικλμνξπρστυφ", _GREEK.split(), strict=True)}
+_MATH |= {"χ": r"\chi", "ψ": r"\psi", "ω": r"\omega", "ς": r"\varsigma", "Γ": r"\Gamma", "Δ": r"\Delta", "Θ": r"\Theta"}
+_MATH |= {"Λ": r"\Lambda", "Ξ": r"\Xi", "Π": r"\Pi", "Σ": r"\Sigma", "Φ": r"\Phi", "Ψ": r"\Psi", "Ω": r"\Omega"}
 _SPECIAL = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
     **{character: rf"\ensuremath{{{math}}}" for character, math in _MATH.items()},
@@ -46,9 +59,12 @@ _SPECIAL = {
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
     "—": "---",
+    "–": "--",
     "…": r"\ldots{}",
     "“": "``",
     "”": "''",
+    "‘": "`",
+    "’": "'",
 }
 
 

@@ -1,6 +1,8 @@
 import csv
 import io
 
+import pytest
+
 from bench.records import load_run
 from reports import table_text
 from reports.table import Table
@@ -40,3 +42,17 @@ def test_no_cell_is_a_formula_and_numbers_stay_numbers(made):
     rows = [["'a", "−1.2"], ["-", "+0.31 (−0.1 to +1.50)"]]
     text = table_csv([Table("main", "", [("codec", ""), ("gain", "")], rows)])
     assert text == "codec,gain\n'a,-1.2\n-,+0.31 (−0.1 to +1.50)\n"
+
+
+@pytest.mark.parametrize("cell", ["-1 +cmd|' /C calc'!A0", '+1 +HYPERLINK("http://x")', "+1 %-cmd|x", "+1 to =1"])
+def test_a_formula_behind_a_number_is_none(cell):
+    text = table_csv([Table("main", "", [("codec", "")], [[cell]])])
+    assert list(csv.reader(io.StringIO(text)))[1] == [f"'{cell}"]
+
+
+@pytest.mark.parametrize(
+    "cell", ["+0.31 ± 0.02", "-1.50 (−1.62 to −1.41) *", "+0.3 to +1.2", "+3 of 9", "+0.31 *", "+12 %", "-1,234.5 dB"]
+)
+def test_what_tables_write_after_a_number_makes_no_formula(cell):
+    text = table_csv([Table("main", "", [("codec", ""), ("gain", "")], [["a", cell]])])
+    assert list(csv.reader(io.StringIO(text)))[1] == ["a", cell]

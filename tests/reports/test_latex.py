@@ -1,11 +1,16 @@
+import json
 import re
 import shutil
 import subprocess
+import unicodedata
+from pathlib import Path
 
 import pytest
 
+from bench.records import load_run
 from reports import table_text
 from reports.table import Table
+from reports.tables import all_tables
 from reports.text import label, latex
 from reports.text import latex_escaped as escaped
 
@@ -58,3 +63,34 @@ def test_labels_of_materials_of_similar_names_differ(made):
 
 def test_a_letter_with_an_accent_does_not_split_a_word_of_a_label():
     assert label(Table("main", "Häuser 128 × 128 (dB)", [], [])) == "tab:main-hauser-128-128"
+
+
+def test_pdflatex_knows_every_character_of_tables_of_budgets(tmp_path):
+    """Beyond ASCII it knows only letters with accents and some signs, without a package."""
+    published = Path(__file__).parents[2] / "docs/results/budgets.jsonl"
+    lines = []  # of few codecs, which is fast
+    for line in published.read_text().splitlines(keepends=True):
+        record = json.loads(line)
+        if record["kind"] != "job" or record.get("codec") in ("pca", "vq", "relief"):
+            lines.append(line)
+    (tmp_path / "few.jsonl").write_text("".join(lines))
+    run = load_run(tmp_path / "few.jsonl")
+    text = ""
+    for kind in ("front", "curves", "budgets", "rungs", "ranks", "when", "summary", "main"):
+        tables = [table for table in all_tables(run, narrow=True, kind=kind) if table]
+        assert tables, kind
+        text += latex(tables)
+    for character in sorted(set(text)):
+        is_letter = unicodedata.name(character, "").startswith("LATIN")
+        assert character.isascii() or is_letter or character in "–—“”‘’…·§°±×÷µ", character
+    assert r"\ensuremath{\geq}" in text
+
+
+def test_signs_and_greek_letters_are_mathematics():
+    assert escaped("≥35.2 → ∞†") == (
+        r"\ensuremath{\geq}35.2 \ensuremath{\rightarrow} \ensuremath{\infty}\ensuremath{\dagger}"
+    )
+    assert escaped("σ² ω₀ 10⁻⁴") == (
+        r"\ensuremath{\sigma}\ensuremath{^2} \ensuremath{\omega}\ensuremath{_0} 10\ensuremath{^-}\ensuremath{^4}"
+    )
+    assert escaped("4–8, ‘a’") == "4--8, `a'"
