@@ -9,6 +9,7 @@ import base64
 import io
 import math
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import matplotlib
@@ -21,6 +22,7 @@ from reports.artefacts import Arrays, arrays, of_shown
 from reports.rows import MaterialRows, Row
 
 BUDGET = 8_000_000  # about how many characters all pictures of a page may take, as base64
+WEBP_SIDE = 16_383  # pixels, the most that a side of a WebP may have
 FLIP_QUALITY = 80  # of FLIP maps stored as grey levels: half the error of colours at quality 92, in half the bytes
 # The colours of FLIP maps by level, (256, 3): what a run drew them in, without alpha.
 MAGMA = np.round(matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255).astype(np.uint8)
@@ -33,14 +35,15 @@ class Atlases:
     """The slices of all materials of a run, as pictures of one quality: the best at which they all fit into the page.
 
     They may take the `share` of `BUDGET`: less than 1 for a page of a board with many pages. If they do not fit even at
-    the worst quality, only every `step`-th pair is shown. To choose the quality, the constructor reads the stored
-    truths.
+    the worst quality, or a grid were larger than a WebP can be, only every `step`-th pair is shown. To choose the
+    quality, the constructor reads the stored truths.
     """
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows], share: float = 1):
         self.run = run
         budget = share * BUDGET
-        pixels = sum(self._pixels(material) for material in materials)
+        shapes_by_material = [self._truth_shapes(material) for material in materials]
+        pixels = sum(map(_pixels, shapes_by_material))
         for quality, characters_per_pixel in QUALITIES:  # the best first; if none fits, the last and worst remains
             self.quality = quality
             characters = characters_per_pixel * pixels
@@ -49,19 +52,19 @@ class Atlases:
         # At the worst quality they may still be several times too large: then only some pairs are shown.
         times_too_large = math.ceil(characters / budget)
         self.step = max(1, times_too_large)  # 1: all pairs are shown
+        # A grid of many large pictures may be larger than a WebP can be, whatever its quality.
+        for count, height, width in chain.from_iterable(shapes_by_material):
+            while self.step < count and not _fits(math.ceil(count / self.step), height, width):
+                self.step += 1
 
-    def _pixels(self, material: MaterialRows) -> int:
-        """The pixels of all pictures of a material: the truth once, and the answers and FLIP maps of each codec."""
+    def _truth_shapes(self, material: MaterialRows) -> list[tuple[int, int, int]]:
+        """Of each shown row of a material that has pictures: the (n, H, W) of those of the truth."""
         truth_shapes = []
         for row in material.shown:
             stored = arrays(self.run.folder, row.job, "pictures", names=("truth",))
             if stored:  # of rows of several runs, some may have none
-                truth_shapes.append(stored["truth"].shape[:3])  # (n, H, W)
-        if not truth_shapes:
-            return 0
-        pixels_of_truth = int(np.prod(truth_shapes[0]))  # of its n pictures together, the same for all codecs
-        sets_of_pictures = 1 + 2 * len(truth_shapes)  # each codec has its answers and its FLIP maps
-        return pixels_of_truth * sets_of_pictures
+                truth_shapes.append(stored["truth"].shape[:3])
+        return truth_shapes
 
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
         """The data of a material for the slice viewer, to be written as JSON; `codecs` is empty if nothing is stored.
@@ -69,11 +72,12 @@ class Atlases:
         Pictures are data URLs, each of all shown pairs in a grid of so many `columns`; a pair takes `width` × `height`
         pixels. FLIP maps hold levels of `MAGMA` as grey. `wo` and `wi` have (θ, φ) in degrees of each shown pair. All
         pictures are of the same pairs as those of the first codec that has any, because one truth stands beside all;
-        `left_out` has the labels of the codecs without such pictures.
+        `left_out` has the labels of the codecs without such pictures, or with pictures that no WebP can hold.
         """
         rows_with_pictures = []
         for row, pictures in of_shown(self.run, material, "pictures"):
-            if "pairs" in pictures:
+            # A single picture may be larger than a WebP can be.
+            if "pairs" in pictures and _fits(1, *pictures["truth"].shape[1:3]):
                 rows_with_pictures.append((row, pictures))
         if not rows_with_pictures:
             return {"codecs": [], "left_out": [row.label for row in material.shown]}
@@ -87,7 +91,7 @@ class Atlases:
         return {
             "width": width,
             "height": height,
-            "columns": math.ceil(math.sqrt(count)),
+            "columns": _grid(count)[1],
             "wo": np.round(first["wo_deg"][:: self.step], 1).tolist(),
             "wi": np.round(first["wi_deg"][:: self.step], 1).tolist(),
             "truth": self._encoded(first["truth"]),
@@ -124,8 +128,7 @@ class Atlases:
         """
         pictures = pictures[:: self.step]
         count, height, width = pictures.shape[:3]
-        columns = math.ceil(math.sqrt(count))  # as `slices_of` tells the viewer
-        rows = math.ceil(count / columns)
+        rows, columns = _grid(count)  # as `slices_of` tells the viewer
         sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
         for i, picture in enumerate(pictures):
             top = i // columns * height
@@ -136,6 +139,30 @@ class Atlases:
             return webp(Image.fromarray(sheet), lossless=True, quality=0, method=0)
         # Here `quality` is that of the picture, and `method` 4 is Pillow's usual effort.
         return webp(Image.fromarray(sheet), lossless=False, quality=min(most_quality, self.quality), method=4)
+
+
+def _pixels(truth_shapes: Sequence[tuple[int, int, int]]) -> int:
+    """The pixels of all pictures of a material: the truth once, and the answers and FLIP maps of each codec.
+
+    `truth_shapes` has (n, H, W) of each codec's truth.
+    """
+    if not truth_shapes:
+        return 0
+    pixels_of_truth = math.prod(truth_shapes[0])  # of its n pictures together, the same for all codecs
+    sets_of_pictures = 1 + 2 * len(truth_shapes)  # each codec has its answers and its FLIP maps
+    return pixels_of_truth * sets_of_pictures
+
+
+def _grid(count: int) -> tuple[int, int]:
+    """The (rows, columns) of the grid of so many pictures, about as many of both."""
+    columns = math.ceil(math.sqrt(count))
+    return math.ceil(count / columns), columns
+
+
+def _fits(count: int, height: int, width: int) -> bool:
+    """Whether a WebP can hold the grid of so many pictures of this size."""
+    rows, columns = _grid(count)
+    return max(rows * height, columns * width) <= WEBP_SIDE
 
 
 def _decibels(value: float) -> float | None:

@@ -21,6 +21,7 @@ from PIL import Image
 from bench.inputs.errors import InputError
 from bench.records import Run, fitted_to_scene
 from reports.artefacts import program
+from reports.atlas import WEBP_SIDE
 from reports.rows import MaterialRows, Row
 from reports.viewer.page import Shown, model_data
 
@@ -107,13 +108,17 @@ def _packed_truth(run: Run, material: MaterialRows) -> str:
     except InputError:
         return ""  # a run's records are worth reading without its bulky parts
     # `half` is the texture of 16-bit floats, here the slices. The WebP takes its place; `white` tells the viewer so.
-    data["white"], data["half"] = _slices_as_webp(cast(bytes, data["half"]), job["shape"])
+    sheet = _slices_as_webp(cast(bytes, data["half"]), job["shape"])
+    if sheet is None:
+        return ""
+    data["white"], data["half"] = sheet
     packed = pack(data)
     return packed if len(packed) <= LARGEST else ""
 
 
-def _slices_as_webp(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
-    """The radiance that is white in the picture, and the slices as one WebP, one below the other, (n · H, W).
+def _slices_as_webp(half: bytes, shape: Sequence[int]) -> tuple[float, bytes] | None:
+    """The radiance that is white in the picture, and the slices as one WebP, one below the other, (n · H, W); None if
+    a WebP cannot be so large.
 
     `half` are the bytes of rows of four 16-bit floats, linear RGB and one that is not used, texel after texel and slice
     after slice; rows that pad the texture follow. `shape` is (H, W).
@@ -122,6 +127,8 @@ def _slices_as_webp(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
     values = rgb_and_unused[:, :3].astype(np.float32)
     height, width = shape
     slices = len(values) // (height * width)  # rounded down, because padding follows the last one
+    if max(slices * height, width) > WEBP_SIDE:
+        return None
     # The quantile, not the largest value: a few highlights would leave few levels to the rest. At least a little above
     # 0, because black slices are divided by it, too.
     white = max(float(np.quantile(values, 0.999)), 1e-6)

@@ -18,7 +18,9 @@ from bench.records import load_run
 from bench.runs.drawing import sparse_truth
 from reports import write_report
 from reports.atlas import Atlases
-from reports.live import live
+from reports.figures.canvas import Figure
+from reports.html import TEMPLATES
+from reports.live import _slices_as_webp, live
 from reports.rows import materials
 from reports.series import plots_of
 
@@ -155,6 +157,30 @@ def test_slices_of_many_pairs_take_less_room_at_less_quality(made, monkeypatch):
     monkeypatch.setattr("reports.atlas.BUDGET", 2000)
     less = Atlases(run, materials(run), share=0.1).slices_of(materials(run)[0])
     assert (less["quality"], len(less["wo"]), len(less["codecs"][0]["psnr"])) == (60, 2, 2)
+
+
+def test_pictures_that_no_webp_can_hold_are_fewer_smaller_or_left_out(made, monkeypatch):
+    rows, width, pairs = 6000, 2, 9  # in a grid of 3 × 3 they would be 18,000 high
+    pictures = np.zeros((pairs, rows, width, 3), np.uint8)
+    content = dict.fromkeys(("truth", "decoded", "flip"), pictures) | {"pairs": np.arange(pairs)}
+    content |= {"wo_deg": np.full((pairs, 2), 40.0), "wi_deg": np.full((pairs, 2), 40.0)}
+    np.savez(made.folder / "high.npz", **content)
+    run = load_run(made.job("high", pictures="high.npz").folder)
+    atlases = Atlases(run, materials(run))
+    assert (atlases.step, len(atlases.slices_of(materials(run)[0])["wo"])) == (2, 5)
+    np.savez(made.folder / "high.npz", **content | dict.fromkeys(("truth", "decoded"), np.zeros((9, 17_000, 1, 3))))
+    found = Atlases(run, materials(run)).slices_of(materials(run)[0])
+    assert found == {"codecs": [], "left_out": ["high"]}
+
+    half = np.zeros((17_000, 4), np.float16).tobytes()
+    assert _slices_as_webp(half, (1000, 1)) is None
+    assert _slices_as_webp(half, (1000, 17)) is not None
+
+    png = io.BytesIO()
+    Image.new("L", (20_000, 40)).save(png, "png")
+    url = TEMPLATES.filters["webp"](Figure("satin", "abrdf", "title", png.getvalue()))
+    shown = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2])))
+    assert shown.size == (16_383, 33)
 
 
 def test_codecs_that_were_seen_at_other_pairs_are_left_out_of_the_slices(made):
