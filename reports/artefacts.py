@@ -7,7 +7,7 @@ that is missing.
 """
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -47,6 +47,30 @@ def of_shown(run: Run, material: MaterialRows, name: str, needed: Collection[str
         if stored and stored.keys() >= set(needed):
             rows_with_arrays.append((row, stored))
     return rows_with_arrays
+
+
+def of_same_pairs(rows: Sequence[tuple[Row, Arrays]]) -> tuple[list[tuple[Row, Arrays]], list[str]]:
+    """The rows whose `pictures` are of the same pairs, and as large, as those of the first; the labels of the others.
+
+    Pictures of other pairs could not stand beside the same truth.
+    """
+    alike: list[tuple[Row, Arrays]] = []
+    left_out: list[str] = []
+    for row, pictures in rows:
+        if _seen_alike(pictures, rows[0][1]):
+            alike.append((row, pictures))
+        else:
+            left_out.append(row.label)
+    return alike, left_out
+
+
+def _seen_alike(pictures: Arrays, first: Arrays) -> bool:
+    """Whether pictures of a codec are of the same pairs as the first codec's, and as many and as large."""
+    if ("pairs" in pictures) != ("pairs" in first):
+        return False
+    if "pairs" in first and not np.array_equal(pictures["pairs"], first["pairs"]):
+        return False
+    return pictures["decoded"].shape == first["decoded"].shape
 
 
 def angular(folder: Path, job: Job) -> dict[str, Any] | None:

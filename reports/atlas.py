@@ -18,7 +18,7 @@ from PIL import Image
 
 from bench.metrics.psnr import psnr
 from bench.records import FLIP, PSNR, Run
-from reports.artefacts import Arrays, arrays, of_shown
+from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
 from reports.rows import MaterialRows, Row
 
 BUDGET = 8_000_000  # about how many characters all pictures of a page may take, as base64
@@ -81,12 +81,9 @@ class Atlases:
                 rows_with_pictures.append((row, pictures))
         if not rows_with_pictures:
             return {"codecs": [], "left_out": [row.label for row in material.shown]}
-        _, first = rows_with_pictures[0]
-        of_same_pairs = []
-        for row, pictures in rows_with_pictures:
-            if np.array_equal(pictures["pairs"], first["pairs"]):
-                of_same_pairs.append((row, pictures))
-        labels = {row.label for row, _ in of_same_pairs}
+        rows_alike, _ = of_same_pairs(rows_with_pictures)
+        _, first = rows_alike[0]
+        labels = {row.label for row, _ in rows_alike}
         count, height, width = first["truth"][:: self.step].shape[:3]
         return {
             "width": width,
@@ -95,7 +92,7 @@ class Atlases:
             "wo": np.round(first["wo_deg"][:: self.step], 1).tolist(),
             "wi": np.round(first["wi_deg"][:: self.step], 1).tolist(),
             "truth": self._encoded(first["truth"]),
-            "codecs": [self._codec(row, pictures) for row, pictures in of_same_pairs],
+            "codecs": [self._codec(row, pictures) for row, pictures in rows_alike],
             "left_out": [row.label for row in material.shown if row.label not in labels],
             "quality": self.quality,
         }

@@ -18,8 +18,8 @@ from matplotlib.colors import Normalize
 from bench.compare.choosing.budgets import Budget, budgets
 from bench.metrics import stats_of
 from bench.records import FLIP, PSNR, Job, Run, by_kind
-from reports.artefacts import Arrays, arrays, of_shown
-from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material, style
+from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
+from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material, short, style
 from reports.numbers import fixed
 from reports.rows import MaterialRows, Row
 
@@ -31,6 +31,7 @@ _TOP = 76
 _BOTTOM = 22
 _MAP_GAP = 2  # pixels between a slice and its FLIP map
 _SHADE_SIZE = (16, 34)  # height and width in pixels of the shade behind the mean of a FLIP map
+_LETTER = 7  # pixels of a letter, by which a long line is cut
 _RAMP = 12  # height in pixels of the scale of FLIP maps
 
 
@@ -38,7 +39,8 @@ _RAMP = 12  # height in pixels of the scale of FLIP maps
 def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     """A row a codec below the truth; for each slice that the run marked for the sheet two columns, slice and FLIP map.
 
-    Of a run that marked none, all stored slices are shown. None if no codec has stored pictures.
+    Of a run that marked none, all stored slices are shown. Codecs whose slices are of other pairs than the first's
+    are named below. None if no codec has stored pictures.
     """
     rows = []
     for row, stored in of_shown(run, material, "pictures"):
@@ -48,6 +50,7 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
         rows.append((row, pictures))
     if not rows:
         return None
+    rows, left_out = of_same_pairs(rows)
     _, first = rows[0]
     count, height, width = first["truth"].shape[:3]
     factor = max(1, math.ceil(CELL / max(height, width)))
@@ -81,7 +84,17 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
                     sheet.picture(right - shade_width, bottom - shade_height - 1, _SHADE)
                     sheet.text(right - 4, bottom - 9, means[k], color="white", fontsize=7.5, ha="right")
     flip_scale(sheet, _LEFT + cell_width + _MAP_GAP, _TOP + cell_height // 2, cell_width)
+    if left_out:
+        sheet.text(_GAP, sheet.height - _BOTTOM / 2, left_out_words(left_out, sheet.width))
     return Figure(material.name, "contact", title, sheet.png(), sheet)
+
+
+def left_out_words(labels: Sequence[str], width: int) -> str:
+    """The line that names codecs whose pictures are not shown, cut to a width in pixels.
+
+    `reports.figures.pairs` writes it, too.
+    """
+    return short(f"Left out, with slices of other pairs: {', '.join(labels)}", width // _LETTER)
 
 
 def _angles(side: str, direction: np.ndarray) -> str:

@@ -16,11 +16,11 @@ import numpy as np
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
 from bench.records import PSNR, Run
-from reports.artefacts import Arrays, arrays, of_shown
+from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
 from reports.figures.canvas import Figure, Sheet, enlarged, short, style
-from reports.figures.contact import flip_scale
+from reports.figures.contact import flip_scale, left_out_words
 from reports.numbers import fixed
-from reports.rows import MaterialRows, Row, materials
+from reports.rows import Row, materials
 
 CELL = 256  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
 GAP = 8  # pixels between pictures
@@ -46,6 +46,7 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
     `name` is that of the material, `pairs` are indices of pairs of the BTF; without any, those of the contact sheet are
     shown. Without an inset, the square of a quarter of the shorter side is magnified in which the FLIP of all codecs
     together is largest, in each slice another.
+    Codecs whose stored slices are of other pairs than the first codec's are named below.
     `InputError` if the material or a pair has no stored slices; it lists the pairs that have some.
     """
     by_name = {material.name: material for material in materials(run)}
@@ -58,9 +59,10 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
                 rows.append((row, arrays_of_row))
     if material is None or not rows:
         raise InputError(f"figure pairs: no slices of {name} are stored in {run.folder}")
+    rows, left_out = of_same_pairs(rows)
     places = _places(rows[0][1], pairs)
     with style():
-        sheet = _drawn(run, material, rows, places, inset)
+        sheet = _drawn(run, rows, left_out, places, inset)
     title = f"{material.name}: slices and FLIP maps of chosen pairs"
     return Figure(material.name, "pairs", title, sheet.png(), sheet)
 
@@ -82,11 +84,12 @@ def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
 
 
 def _drawn(
-    run: Run, material: MaterialRows, rows: list[tuple[Row, Arrays]], places: list[int], inset: Inset | None
+    run: Run, rows: list[tuple[Row, Arrays]], left_out: list[str], places: list[int], inset: Inset | None
 ) -> Sheet:
     """The sheet: a line of pictures for each place in the stored arrays, above FLIP maps if all codecs have them.
 
-    `rows` are the codecs with their arrays, a column each after that of the truth; with `inset` None it is found anew
+    `rows` are the codecs with their arrays, a column each after that of the truth; a line at the bottom names those
+    `left_out`, if any. With `inset` None it is found anew
     for each place. `InputError` if the inset does not lie within the picture.
     """
     _, first = rows[0]
@@ -100,7 +103,10 @@ def _drawn(
     if with_flip:
         block += GAP // 2 + cell_height
     columns = 1 + len(rows)
-    sheet = Sheet(columns * (cell_width + GAP) - GAP, TOP + len(places) * block)
+    bottom = LINE if left_out else 0
+    sheet = Sheet(columns * (cell_width + GAP) - GAP, TOP + len(places) * block + bottom)
+    if left_out:
+        sheet.text(0, sheet.height - LINE / 2, left_out_words(left_out, sheet.width))
     # The heading of each column.
     for column, label in enumerate(["truth", *(row.label for row, _ in rows)]):
         middle = column * (cell_width + GAP) + cell_width / 2

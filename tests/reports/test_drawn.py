@@ -89,3 +89,16 @@ def test_an_inset_shows_its_texels_in_a_frame(folder):
     rows, cols = np.nonzero((plain == FRAME).all(2))
     assert (rows.min(), rows.max(), cols.min(), cols.max()) == (5, 12, 6, 13)
     assert not plain[8:10, 9:11].any()
+
+
+def test_codecs_of_other_pairs_stand_beside_no_truth_of_the_first_and_are_named(made):
+    run = load_run(made.job("one").folder)
+    alone = np.asarray(Image.open(io.BytesIO(pairs_figure(run, "satin", []).png)))
+    run = load_run(made.job("two").folder)
+    path = run.folder / run.jobs[1]["pictures"]
+    pictures = dict(np.load(path))
+    for other in ({"pairs": pictures["pairs"] + 1}, {name: array[:1] for name, array in pictures.items()}):
+        np.savez(path, **pictures | other)
+        both = np.asarray(Image.open(io.BytesIO(pairs_figure(run, "satin", []).png)))
+        np.testing.assert_array_equal(both[: len(alone)], alone)
+        assert (both[len(alone) :] < 128).any(), "the words that name the codec"

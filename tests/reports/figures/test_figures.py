@@ -81,6 +81,26 @@ def test_a_contact_sheet_shows_every_texel_as_it_is_stored(made):
     np.testing.assert_array_equal(cell[8::16, 8::16], truth)
 
 
+def test_a_contact_sheet_leaves_out_codecs_of_other_pairs_and_names_them(made, monkeypatch):
+    alone = drawn(run_of(made.job("one")), figures.contact_sheets)["contact-satin.png"]
+    run = run_of(made.job("two"))
+    path = run.folder / run.jobs[1]["pictures"]
+    pictures = dict(np.load(path))
+    texts = []
+    write = Sheet.text
+
+    def noted(sheet, x, y, text, **look):
+        texts.append(text)
+        write(sheet, x, y, text, **look)
+
+    monkeypatch.setattr(Sheet, "text", noted)
+    for other in ({"pairs": pictures["pairs"] + 1}, {name: array[:2] for name, array in pictures.items()}):
+        np.savez(path, **pictures | other)
+        assert drawn(run, figures.contact_sheets)["contact-satin.png"].shape == alone.shape
+        assert "Left out, with slices of other pairs: two" in texts
+        texts.clear()
+
+
 @pytest.mark.parametrize("draw", OF_ANY_RUN)
 def test_neither_odd_labels_nor_exact_codecs_stop_a_figure_and_what_is_gone_costs_only_its_own(made, draw):
     labels = ("_hidden $x^2$", "编码", "a" * 200, "%d {0}")
