@@ -101,7 +101,7 @@
     axes(width, xs, ys, h, v) {
       const text = (at, words, more) => this.svg.append(drawn("text", { ...at, ...more }, words));
       let marks = this.plot.x.ticks || (this.plot.x.log ? logarithmic(...xs) : linear(...xs));
-      while (marks.length > width / 60) marks = marks.filter((_, i) => i % 2 === 0);
+      while (marks.length > Math.max(1, width / 60)) marks = marks.filter((_, i) => i % 2 === 0);
       for (const mark of marks) {
         this.svg.append(drawn("line", { x1: h(mark), x2: h(mark), y1: TOP, y2: this.height - BOTTOM, class: "grid" }));
         text({ x: h(mark), y: this.height - BOTTOM + 15 }, number(mark, this.plot.x.unit === "B" ? "B" : ""), { "text-anchor": "middle" });

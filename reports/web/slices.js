@@ -153,6 +153,7 @@
         const pixels = await this.side(i - 1, show);
         if (order !== this.order) return;
         if (pixels) put(canvas, pixels);
+        else canvas.getContext("2d").clearRect(0, 0, canvas.width, canvas.height);
       }
     }
 
@@ -182,7 +183,9 @@
     }
 
     say() {
-      this.says.textContent = [this.told(Number(this.state.left)), this.told(Number(this.state.right))].join(" | ");
+      const { left, right, show } = this.state, codec = this.data.codecs[right];
+      const missing = show === "flip" && codec && !codec.flip ? ", no FLIP map" : "";
+      this.says.textContent = `${this.told(Number(left))} | ${this.told(Number(right))}${missing}`;
     }
 
     told(which) {

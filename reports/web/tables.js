@@ -3,15 +3,16 @@
 (() => {
   const { element } = report;
 
-  // The number that a cell begins with; exact is better than any; other text comes last.
-  function value(text) {
-    if (text === "exact") return Infinity;
-    const found = text.replace(/[,\u202f]/g, "").replace("\u2212", "-").match(/^[+-]?\d+(\.\d+)?(e[+-]?\d+)?/);
+  // The number that a cell begins with, or its lower bound, "≥35.2"; exact is better than any, which is less where the
+  // header has a ↓; other text comes last.
+  function value(text, header) {
+    if (text === "exact") return header.includes("↓") ? -Infinity : Infinity;
+    const found = text.replace(/[,\u202f]/g, "").replace(/^≥/, "").replace("\u2212", "-").match(/^[+-]?\d+(\.\d+)?(e[+-]?\d+)?/);
     return found ? Number(found[0]) : null;
   }
 
-  function compared(a, b, up) {
-    const [x, y] = [value(a), value(b)];
+  function compared(a, b, up, header) {
+    const [x, y] = [value(a, header), value(b, header)];
     if (x !== null && y !== null) return x === y ? 0 : (x < y ? -1 : 1) * up;
     if (x === null && y === null) return a.localeCompare(b) * up;
     return x === null ? 1 : -1;
@@ -22,7 +23,7 @@
     for (const each of table.tHead.rows[0].cells) each.removeAttribute("aria-sort");
     header.setAttribute("aria-sort", up === 1 ? "ascending" : "descending");
     const rows = [...table.tBodies[0].rows];
-    rows.sort((a, b) => compared(a.cells[column].textContent, b.cells[column].textContent, up));
+    rows.sort((a, b) => compared(a.cells[column].textContent, b.cells[column].textContent, up, header.textContent));
     table.tBodies[0].append(...rows);
   }
 

@@ -2,6 +2,7 @@ import base64
 import io
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import torch
 from PIL import Image
 
+import reports
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
@@ -23,8 +25,15 @@ from reports.html import TEMPLATES
 from reports.live import _slices_as_webp, live
 from reports.rows import materials
 from reports.series import plots_of
+from reports.table import Table
 
 HOSTILE = ('"><script>bad()</script>', "</script><script>bad()</script>", "' onerror='bad()", "名 ünï‮code")
+
+WEB = Path(reports.__file__).parent / "web"
+# What the scripts need of a page, here without codecs.
+EMPTY = (
+    '<script type="application/json" id="data">{"codecs": []}</script><p id="codecs"></p><button id="theme"></button>'
+)
 
 
 def page_of(made: Any) -> str:
@@ -250,6 +259,21 @@ def test_a_table_is_sorted_by_click_and_key_its_rows_are_filtered_and_columns_hi
     assert table.get_by_text("PSNR pooled").is_visible()
 
 
+@pytest.mark.parametrize(("unit", "best_first"), [("dB ↑", False), ("of 1 ↓", True)])
+def test_bounds_are_sorted_as_numbers_and_exact_is_the_best_in_either_direction(browser, unit, best_first):
+    table = Table("main", "bounds", [("codec", ""), ("made", unit)], [["≥35.2"], ["exact"], ["4"], ["—"], ["36.0"]])
+    for row in table.rows:
+        row.append(row[0])
+    parts = [f"<script>{(WEB / name).read_text('utf-8')}</script>" for name in ("core.js", "tables.js")]
+    tab = browser.new_page()
+    tab.set_default_timeout(20_000)
+    tab.set_content("".join([EMPTY, TEMPLATES.get_template("parts.html").module.table(table), *parts]))
+    tab.get_by_role("button", name="made").click()
+    numbers = ["exact", "4", "≥35.2", "36.0"] if best_first else ["4", "≥35.2", "36.0", "exact"]
+    expect_first_cells(tab.locator("table"), *numbers, "—")
+    tab.close()
+
+
 def test_a_codec_is_ticked_off_in_all_plots(opened):
     opened.locator("#codecs summary").click()
     box = opened.locator("#codecs").get_by_label("vq")
@@ -325,6 +349,34 @@ def test_a_stored_slice_is_shown_as_it_is(opened):
     truth = np.random.default_rng(2).integers(0, 256, (3, 8, 8, 3), np.uint8)
     shown = np.array(found, np.uint8).reshape(3, 8, 8, 4)[..., :3]
     np.testing.assert_array_equal(shown, truth)
+
+
+def test_a_codec_without_flip_maps_shows_none_and_says_so(opened):
+    root = opened.locator('[data-slices="slices1"]')
+    root.scroll_into_view_if_needed()
+    wait(opened, "document.querySelector('[data-slices=slices1]').slices?.sides")
+    root.evaluate("(root) => { root.slices.data.codecs[0].flip = null; }")
+    root.locator("[name=show]").select_option("flip")
+    root.get_by_text("no FLIP map").wait_for()
+    empty = (
+        "[...document.querySelectorAll('[data-slices=slices1] .sheet canvas')].map((canvas) => {"
+        "const blank = document.createElement('canvas'); [blank.width, blank.height] = [canvas.width, canvas.height];"
+        "return canvas.toDataURL() === blank.toDataURL(); })"
+    )
+    wait(opened, f"{empty}[1]")
+    assert opened.evaluate(empty) == [False, True]  # the truth has none either, and stays
+    root.locator("[name=right]").select_option("-1")
+    root.get_by_text("truth | truth").wait_for()
+
+
+@pytest.mark.timeout(120)
+def test_a_plot_is_drawn_however_narrow(opened):
+    plot = opened.locator('[data-plots="satin"] [data-kind="rate"]')
+    plot.scroll_into_view_if_needed()
+    plot.locator("polygon").first.wait_for()
+    plot.evaluate("(plot) => { plot.style.width = '50px'; }")
+    wait(opened, "document.querySelector('[data-plots=satin] [data-kind=rate] svg').viewBox.baseVal.width === 50")
+    plot.evaluate("(plot) => { plot.style.width = ''; }")
 
 
 def test_a_record_opens_where_a_number_leads(opened):
