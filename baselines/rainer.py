@@ -11,7 +11,7 @@ and computes the loss of a step.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 import torch
 from torch import Tensor, nn
@@ -24,6 +24,7 @@ from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import (
     Batch,
     LogLoss,
+    Loss,
     NetworkSettings,
     ParameterGroup,
     Samples,
@@ -119,7 +120,7 @@ class RainerSettings(NetworkSettings):
     texels: BatchSize = 64  # ABRDFs encoded in a step
     pairs: BatchSize = 32  # pairs decoded of each of them
     rate: Positive = 3e-3  # highest learning rate
-    loss: LogLoss = "both"  # error of log radiance: absolute, squared, or their sum
+    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
 
 
 class Fitted(TextureObjective):
@@ -187,7 +188,8 @@ class Autoencoder(Fitted):
         texel = texel.to(self.samples.device, non_blocking=True)
         batch = self.samples.draw_at(texel.repeat_interleave(settings.pairs), generator)
         latents = self.latents(texel).repeat_interleave(settings.pairs, 0)  # (texels · pairs, D)
-        return distance(self.decode(latents, batch), batch.target, settings.loss)
+        loss = cast(LogLoss, settings.loss)  # not as displayed, which the codecs with an encoder refuse
+        return distance(self.decode(latents, batch), batch.target, loss)
 
 
 class RainerMaterial(Material):

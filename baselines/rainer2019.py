@@ -18,6 +18,7 @@ from baselines import rainer
 from baselines.rainer import Directions
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.errors import InputError
 from bench.inputs.settings import Natural, Positive, Width
 from bench.material import Material
 from bench.training import Batch, Samples, first_latents, gain_of, train
@@ -60,6 +61,11 @@ class Rainer2019(Codec):
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
         activation: rainer.Activation = "leaky-relu"  # activation of the decoder's hidden layers
         bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
+
+        def __post_init__(self) -> None:
+            """`InputError` if the encoder's fit, which has its own loss, is asked for a loss as displayed."""
+            if self.start == "encoder" and self.loss == "display":
+                raise InputError("codec rainer2019: start=encoder has a loss of its own: leave out loss=display")
 
         @property
         def architecture(self) -> Architecture:

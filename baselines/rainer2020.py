@@ -26,7 +26,7 @@ from bench.inputs.settings import Count, Natural, Width
 from bench.material import Material
 from bench.training import Batch, Bits, Optimiser, Samples, gain_of, load_texture, round_after, store_texture, train
 from bench.training.decoder import Decoder
-from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.fitting import ROUNDING_SAMPLES, LogLoss
 from bench.training.stored_network import load_network, store_network
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
@@ -44,6 +44,7 @@ class Rainer2020Network(SharedNetwork):
     @dataclass(frozen=True)
     class Settings(rainer.RainerSettings):
         steps: Natural = 40_000  # steps of the training
+        loss: LogLoss = "both"  # error of log radiance: absolute, squared, or their sum
         optimiser: Optimiser = "adam"  # of all; with "muon" the decoder's hidden matrices are stepped by Muon
         kept: Count = 512  # training ABRDFs of each material
         latents: Width = 32  # channels that the encoder makes
