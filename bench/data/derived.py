@@ -27,13 +27,18 @@ def thinned(btf: BTF, pairs: int) -> BTF:
     """About `pairs` of a BTF's pairs (0: all), always the same ones.
 
     Of a product, evenly spread views with evenly spread lights are kept, which is a product again. Pairs that form no
-    product are drawn at random. Held-out pairs that the data declare are drawn at random, too, and apart from the
-    training pairs, so that both keep their shares of all pairs.
+    product are drawn at random. If the data declare which pairs are held out, and form no product, or one of which
+    only training pairs or only held-out ones would be kept, both are thinned apart, the held-out ones at random, so
+    that both keep their shares of all pairs.
     """
     if not 0 < pairs < len(btf):  # all are wanted, or more than there are
         return btf
-    if btf.heldout is None or not btf.heldout.any() or btf.heldout.all():
+    if btf.heldout is None or not _has_both(btf.heldout):
         return btf.subset(_evenly_spread(btf.layout, pairs))
+    if btf.layout.grid is not None:
+        even = _evenly_spread(btf.layout, pairs)
+        if _has_both(btf.heldout[even]):
+            return btf.subset(even)
     train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
     # At least one of each, however few pairs are wanted.
     heldout_pairs = max(1, round(pairs * len(heldout) / len(btf)))
@@ -41,6 +46,11 @@ def thinned(btf: BTF, pairs: int) -> BTF:
     some_train = train[_evenly_spread(Layout.of(btf.wo[train], btf.wi[train]), train_pairs)]
     some_heldout = heldout[_random_indices(len(heldout), heldout_pairs)]
     return btf.subset(np.concatenate([some_train, some_heldout]))
+
+
+def _has_both(heldout: Array) -> bool:
+    """Whether a mask (n,) of held-out pairs names some, but not all."""
+    return bool(heldout.any() and not heldout.all())
 
 
 class _Chosen(Source):

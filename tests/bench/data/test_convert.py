@@ -46,7 +46,10 @@ def test_a_window_is_cut_and_wraps_no_longer(btf):
 def test_the_window_is_in_texels_of_the_source_and_is_averaged_and_thinning_keeps_a_product(btf):
     small = changed(btf, crop=(0, 4, 8, 8), downsample=4)
     np.testing.assert_allclose(small[3], box_filter(btf[3][:8, 4:], 4), rtol=1e-6)
-    assert changed(btf, thin=9).layout.grid.shape == (3, 3)
+    assert changed(tiny_btf(12, 6, 5), thin=9).layout.grid.shape == (3, 3)
+    thin = changed(btf, thin=9)  # a view is held out, which nine pairs of the whole would leave out
+    assert thin.heldout.any()
+    assert thin.subset(np.flatnonzero(~thin.heldout)).layout.grid is not None
 
 
 @pytest.mark.parametrize("options", [{"crop": (8, 0, 5, 5)}, {"crop": (0, 0, 0, 5)}, {"downsample": 13}, {"thin": -1}])
