@@ -4,7 +4,8 @@ Each element of a batch has a random slice as its input and others as its target
 own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open. An
 input and a target are slices of the BTF: all texels for one pair of view and light.
 A step's elements are read, encoded and rendered at once, because a GPU takes as long for one. On a GPU a long fit also
-compiles the autoencoder and the renderer: a step would start 870 kernels otherwise, which takes longer than they run.
+compiles what a step encodes, renders and compares, into graphs of kernels that start at once: a step would start 870
+kernels otherwise, which takes longer than they run.
 
 Style and spectrum see linear radiance in the display's range [0, 1], because the paper compresses only the pixel term,
 and because one highlight would otherwise outweigh every Gram matrix and spectrum. Pictures (B, 3, H, W) are periodic.
@@ -24,6 +25,7 @@ from bench.metrics.display import LOG_SCALE, decode_srgb
 from bench.training import Batch, Samples, distance
 from neubtf.augmentation import Crop, draw_scale, taps_of
 from neubtf.autoencoder import Encoder, as_guidance, displayed, eight_bits
+from neubtf.renderer import render
 from neubtf.training import Guided, StagedSettings, by_texel, pictures, slice_of
 
 CANDIDATES = 64  # slices, spread over all, of which the best is the guidance of the file
@@ -35,7 +37,7 @@ PAPER = {"bits": 8, "directions": "xy", "loss": "l1", "keep_scale": 0.0, "init":
 # Left open, and chosen:
 PAPER |= {"steps": 5_000, "slices": 16, "targets": 1, "texel_pairs": 1, "crop": 64, "around": 0}
 PAPER |= {"smallest": 0.75, "blur": 0.5, "noise": 0.02}
-COMPILED_FROM = 6_000  # steps of a fit on a GPU that saves the minute of compiling: some 11 ms a step
+COMPILED_FROM = 2_000  # steps of a fit on a GPU that saves the 44 s of compiling: some 28 ms a step
 FILTERS = 24  # filters of each scale
 KERNEL = 5  # texels a side at each scale
 SCALES = 3  # full, half and quarter resolution
@@ -124,6 +126,27 @@ class Elements(NamedTuple):
     weights: Tensor  # (E, n, k)
 
 
+class Truth(NamedTuple):
+    """What the texels of E elements show at some pairs.
+
+    The shape is (E, targets, n, 3) for whole slices: all n texels of an element at one pair, then at the next. It is
+    (E, n, texel_pairs, 3) for pairs that each texel has for itself.
+    """
+
+    wo: Tensor  # unit directions, broadcast to that shape
+    wi: Tensor
+    level: Tensor  # log radiance
+
+
+class Comparison(NamedTuple):
+    """Textures beside the truth: two losses, and the pictures from which the third is computed."""
+
+    pixel: Tensor  # a scalar
+    style: Tensor  # a scalar
+    our_pictures: Tensor  # (E · targets, 3, h, w), linear values of the display in [0, 1]
+    true_pictures: Tensor
+
+
 class Published(Guided):
     """Autoencoder and renderer, compared on whole windows.
 
@@ -139,21 +162,21 @@ class Published(Guided):
         self.style = Style()
         self.guidance_mean = float(decode_srgb(guidance.cpu().numpy()).mean())  # in linear light
         self.means = nn.Buffer(slice_means(samples), persistent=False)  # (pairs,)
-        # What the steps call. Functions, not modules, which would stand in the state of the fit a second time.
-        self.encoded = self._quickest(encoder.forward)
-        self.answers = self._quickest(self.answered)
+        # What the steps call.
+        self.comparison = self._quickest(self._compared)
 
-    def _quickest(self, function: Callable[..., Tensor]) -> Callable[..., Tensor]:
+    def _quickest(self, function: Callable[..., Comparison]) -> Callable[..., Comparison]:
         """A function of a step, compiled where that saves time: in a long fit, on a GPU for which Triton is installed.
 
-        Each size of window would be compiled anew. They have one size where every crop is smaller than the picture.
+        It is then recorded as graphs of a GPU's kernels ("reduce-overhead"). Each size of window would be compiled
+        anew. They have one size where every crop is smaller than the picture.
         """
         settings, device = self.settings, self.samples.device
         long_enough = settings.steps >= COMPILED_FROM
         one_size = settings.crop < settings.smallest * min(self.samples.shape)
         possible = device.type == "cuda" and importlib.util.find_spec("triton") is not None
         if long_enough and one_size and possible:
-            return torch.compile(function, dynamic=False)
+            return torch.compile(function, dynamic=False, mode="reduce-overhead")
         return function
 
     @torch.no_grad()
@@ -242,42 +265,62 @@ class Published(Guided):
 
     def _losses_of(self, elements: Elements, generator: torch.Generator) -> Tensor:
         """The losses (3,) of elements with windows of one size; their surroundings are left out."""
-        inner = elements.window.inner().to(self.samples.device, non_blocking=True)
-        textures = self.encoded(elements.picture)  # (E, D, h, w)
+        window = elements.window
+        inner = window.inner().to(self.samples.device, non_blocking=True)
+        at_targets = self._at_targets(elements)
+        at_texel_pairs = None
+        if self.settings.texel_pairs:
+            at_texel_pairs = self._at_texel_pairs(elements, generator)
+        found = self.comparison(elements.picture, inner, at_targets, at_texel_pairs, window.inner_size, window.whole)
+        frequency = focal_frequency(found.our_pictures, found.true_pictures)
+        return torch.stack([found.pixel, found.style, frequency])
+
+    def _compared(
+        self,
+        guidance: Tensor,
+        inner: Tensor,
+        at_targets: Truth,
+        at_texel_pairs: Truth | None,
+        size: tuple[int, int],
+        periodic: tuple[bool, bool],
+    ) -> Comparison:
+        """Encode guidance images (E, 3, h, w), and compare what the renderer makes of their textures with the truth.
+
+        Style and spectrum compare whole pictures, at the pairs of the targets. The pixels are compared at pairs of
+        their own, if there are any, and else at those of the targets. `inner` (n,) are the texels that are compared;
+        they make a picture of `size`, which may be `periodic` along its rows and its columns.
+        """
+        textures = self.encoder(guidance)  # (E, D, h, w)
         latents = textures.flatten(2)[..., inner].movedim(1, -1)  # (E, n, D)
-
-        # Style and spectrum compare whole pictures, at the pairs of the targets.
-        rendered, true = self._at_targets(elements, latents)
-        our_pictures = linear_display(pictures(rendered, elements.window.inner_size))
-        true_pictures = linear_display(pictures(true, elements.window.inner_size))
-        if self.settings.texel_pairs:  # the pixels are compared at pairs of their own, and else at those of the targets
-            rendered, true = self._at_texel_pairs(elements, latents, generator)
+        rendered, true = self._rendered_at(latents[:, None], at_targets), at_targets.level
+        our_pictures = linear_display(pictures(rendered.flatten(0, 2), size))
+        true_pictures = linear_display(pictures(true.flatten(0, 2), size))
+        style = self.style(our_pictures, true_pictures, periodic)
+        if at_texel_pairs is not None:
+            rendered, true = self._rendered_at(latents[:, :, None], at_texel_pairs), at_texel_pairs.level
         pixel = distance(rendered, true, self.settings.loss)
-        style = self.style(our_pictures, true_pictures, elements.window.whole)
-        return torch.stack([pixel, style, focal_frequency(our_pictures, true_pictures)])
+        return Comparison(pixel, style, our_pictures, true_pictures)
 
-    def _at_targets(self, elements: Elements, latents: Tensor) -> tuple[Tensor, Tensor]:
-        """Log radiance, rendered and true, of elements with latents (E, n, D) at the pairs of their targets.
+    def _rendered_at(self, latents: Tensor, truth: Truth) -> Tensor:
+        """Log radiance at the pairs of a truth, in its shape (…, 3); latents (…, D) are broadcast to it."""
+        shape = truth.level.shape[:-1]
+        wo = truth.wo.expand(*shape, 3).flatten(0, -2)
+        wi = truth.wi.expand(*shape, 3).flatten(0, -2)
+        repeated = latents.expand(*shape, latents.shape[-1]).flatten(0, -2)
+        return render(self.renderer, repeated, wo, wi, self.settings.directions).unflatten(0, shape)
 
-        Both are (E · targets · n, 3): all texels of a slice, one slice after the other.
-        """
-        _, targets, texels, _ = elements.targets.shape
-        repeated = latents[:, None].expand(-1, targets, -1, -1).flatten(0, 2)  # (E · targets · n, D)
-        pairs = elements.pairs[:, :, None].expand(-1, -1, texels).flatten()  # (E · targets · n,)
-        return self.answers(repeated, pairs), elements.targets.flatten(0, 2)
+    def _at_targets(self, elements: Elements) -> Truth:
+        """The truth of the target slices."""
+        pairs = elements.pairs[:, :, None]  # (E, targets, 1): one for all texels of a slice
+        return Truth(self.samples.wo[pairs], self.samples.wi[pairs], elements.targets)
 
-    def _at_texel_pairs(self, elements: Elements, latents: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Log radiance, rendered and true, of elements with latents (E, n, D) at pairs drawn for each texel.
-
-        Both are (E · n · texel_pairs, 3).
-        """
-        drawn = self.settings.texel_pairs
-        count, texels, _ = latents.shape
-        pairs = torch.randint(self.samples.pairs, (count, texels, drawn), generator=generator)
+    def _at_texel_pairs(self, elements: Elements, generator: torch.Generator) -> Truth:
+        """The truth at pairs drawn for each texel."""
+        count, _, texels, _ = elements.targets.shape
+        pairs = torch.randint(self.samples.pairs, (count, texels, self.settings.texel_pairs), generator=generator)
         pairs = pairs.to(self.samples.device, non_blocking=True)
-        true = self.averaged(elements.texels[:, :, None], elements.weights[:, :, None], pairs)  # (E, n, drawn, 3)
-        repeated = latents[:, :, None].expand(-1, -1, drawn, -1).flatten(0, 2)  # (E · n · drawn, D)
-        return self.answers(repeated, pairs.flatten()), true.flatten(0, 2)
+        level = self.averaged(elements.texels[:, :, None], elements.weights[:, :, None], pairs)
+        return Truth(self.samples.wo[pairs], self.samples.wi[pairs], level)
 
 
 def slice_means(samples: Samples) -> Tensor:

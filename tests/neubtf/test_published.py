@@ -168,8 +168,8 @@ def test_a_long_fit_on_a_gpu_compiles_what_its_steps_compute(
     fitting = published(**settings)
     fitting.samples.device = torch.device(device)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: name)  # as if Triton were installed
-    monkeypatch.setattr(torch, "compile", lambda function, dynamic: "compiled")
-    assert (fitting._quickest(fitting.answered) == "compiled") == compiled
+    monkeypatch.setattr(torch, "compile", lambda function, dynamic, mode: "compiled")
+    assert (fitting._quickest(fitting._compared) == "compiled") == compiled
 
 
 @pytest.mark.long
@@ -177,8 +177,7 @@ def test_a_long_fit_on_a_gpu_compiles_what_its_steps_compute(
 def test_a_compiled_step_has_the_gradient_of_any_other_and_the_same_state() -> None:
     """By the compiler for processors, which is as near to a GPU's as this machine comes."""
     eager, compiled = published(slices=2, crop=8), published(slices=2, crop=8)
-    compiled.encoded = torch.compile(compiled.encoder.forward, dynamic=False)
-    compiled.answers = torch.compile(compiled.answered, dynamic=False)
+    compiled.comparison = torch.compile(compiled.comparison, dynamic=False)
     for fitting in (eager, compiled):
         fitting.loss(generator(), 0.0).backward()  # type: ignore[no-untyped-call]
     assert eager.state_dict().keys() == compiled.state_dict().keys()
