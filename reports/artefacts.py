@@ -9,7 +9,7 @@ that is missing.
 import json
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from bench.inputs.errors import InputError
 from bench.program import Program
 from bench.records import Job, Run
 from reports.rows import MaterialRows, Row
+
+T = TypeVar("T")  # a row or a job
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -49,18 +51,18 @@ def of_shown(run: Run, material: MaterialRows, name: str, needed: Collection[str
     return rows_with_arrays
 
 
-def of_same_pairs(rows: Sequence[tuple[Row, Arrays]]) -> tuple[list[tuple[Row, Arrays]], list[str]]:
-    """The rows whose `pictures` are of the same pairs, and as large, as those of the first; the labels of the others.
+def of_same_pairs(candidates: Sequence[tuple[T, Arrays]]) -> tuple[list[tuple[T, Arrays]], list[T]]:
+    """The rows or jobs whose `pictures` are of the same pairs, and as large, as those of the first; and the others.
 
     Pictures of other pairs could not stand beside the same truth.
     """
-    alike: list[tuple[Row, Arrays]] = []
-    left_out: list[str] = []
-    for row, pictures in rows:
-        if _seen_alike(pictures, rows[0][1]):
-            alike.append((row, pictures))
+    alike: list[tuple[T, Arrays]] = []
+    left_out: list[T] = []
+    for candidate, pictures in candidates:
+        if _seen_alike(pictures, candidates[0][1]):
+            alike.append((candidate, pictures))
         else:
-            left_out.append(row.label)
+            left_out.append(candidate)
     return alike, left_out
 
 

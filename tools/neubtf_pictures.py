@@ -2,11 +2,12 @@
 
     python tools/neubtf_pictures.py --out docs/images --keep FOLDER [NAME ...]
 
-`--keep` holds the fitted files, which are not fitted again: NeuBTF on the upper left quarter of 128² texels of brick,
-gravel, satin and wool (measured, `$NEUBTF_DATA`), and at several scales on that of brick; at 64² and with 2,500 steps,
-what fails on cable-knit; and by the paper's recipe the fits of Table 1 to bricks (`$NEUBTF_DATA`), satin and wool,
-each of which takes an hour and a half of a core. NAMEs choose among the pictures; by default all are drawn. Prints the
-figures that the page quotes.
+`--keep` holds the fitted files, which are not fitted again: NeuBTF on the upper left quarter of 256² texels of brick,
+gravel, satin and wool (measured, `$NEUBTF_DATA`), by the paper's recipe and in some minutes; at several scales on the
+quarter of 128² texels of brick; at 64² and with 2,500 steps, what fails on cable-knit; and by the paper's recipe the
+fits of Table 1 to bricks (`$NEUBTF_DATA`), satin and wool. By the paper's recipe a quarter takes an hour of a core, and
+a whole material an hour and a half. NAMEs choose among the pictures; by default all are drawn. Prints the figures that
+the page quotes.
 """
 
 import argparse
@@ -45,7 +46,8 @@ from neubtf.propagation import FittedMaterial
 from neubtf.renderer import NeuBTFMaterial
 
 Array = np.ndarray
-SIZE = 128
+SIZE = 256
+SCALED_SIZE = 128  # of what is fitted at several scales
 SMALL = 64  # of what is fitted in full
 LARGE = 13  # points of text that a telephone shows, too
 FAILING = "cable-knit"
@@ -53,8 +55,11 @@ UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
 SCALES = (1, 3 / 4, 1 / 2, 1 / 4, 1 / 8)
+PAPER: dict[str, Any] = {"recipe": "paper"}
 # End to end from the first step, on single samples alone: the way to a useful encoder in some minutes of one core.
 BRIEF: dict[str, Any] = {"steps": 1800, "direct": 0.0, "taught": 0.0, "explore": 0.1}
+# By the name of a fit's file: its settings, and what pictures call it.
+FITS = {"paper": (PAPER, "the paper's\nrecipe"), "brief": (BRIEF, "short fit")}
 # Half the steps show other slices, and half of those another scale, or none of them.
 SCALED = {
     "ours": BRIEF | {"smallest": 0.25, "explore": 0.5, "steps": 3600},
@@ -72,9 +77,13 @@ class Bench:
         """A material with validation pairs; of a measured one about 1,000 pairs."""
         return open_material(named(name), Preparation(size=size, texels=size, pairs=1_000, split="validation"), silent)
 
-    def quarter(self, name: str, kind: str = "brief", settings: dict[str, Any] = BRIEF) -> FittedMaterial:
-        """NeuBTF, fitted to the upper left quarter of a material, which is not periodic."""
-        btf = self.btf(name)
+    def quarter(
+        self, name: str, kind: str = "paper", settings: dict[str, Any] | None = None, size: int = SIZE
+    ) -> FittedMaterial:
+        """NeuBTF, fitted to the upper left quarter of a material, which is not periodic; by default as `FITS` says."""
+        if settings is None:
+            settings, _ = FITS[kind]
+        btf = self.btf(name, size)
         part = btf.subset(btf.split().train).crop(0, 0, btf.shape[0] // 2, btf.shape[1] // 2)
         return FittedMaterial.read(self.file(part, NeuBTF(keep_encoder=True, **settings), Path(name).name, kind))
 
@@ -188,21 +197,27 @@ def grid(
 def draw_propagation(bench: Bench) -> None:
     """Fitted within the lines, guided by the whole: truth and what was propagated, at held-out pairs."""
     rows, labels = [], []
-    print("| material | seen, dB | not seen, dB | mean ABRDF there, dB |\n|" + " --- |" * 4)
+    print("| material | recipe | seen, dB | not seen, dB | mean ABRDF there, dB |\n|" + " --- |" * 5)
     for name in ("brick", "gravel", "satin", "ubo2003_local_pca/wool"):
         btf = bench.btf(name)
-        material = guided(bench.quarter(name), frontal(btf), Treatment(exposure=RADIANCE))
-        found = propagated(btf, material)
-        print(f"| {Path(name).name} | " + " | ".join(f"{value:.2f}" for value in found) + " |", flush=True)
+        materials = []
+        for kind in FITS:
+            material = guided(bench.quarter(name, kind), frontal(btf), Treatment(exposure=RADIANCE))
+            told = " | ".join(f"{value:.2f}" for value in propagated(btf, material))
+            print(f"| {Path(name).name} | {kind} | {told} |", flush=True)
+            materials.append(material)
         if "/" in name:  # pictures of measured data are not published
             continue
-        labels.append(f"{name}\n{found[0]:.1f} | {found[1]:.1f} dB")
+        labels.append(name)
         shown = exposure(btf)
         row = [to_display(frontal(btf), shown)]
         for pair in _near(btf, PAIRS[1]), _near(btf, PAIRS[3]):
-            row += [to_display(picture, shown) for picture in (btf[pair], material.slice(*at(btf, pair)).numpy())]
+            row.append(to_display(btf[pair], shown))
+            for material in materials:
+                row.append(to_display(material.slice(*at(btf, pair)).numpy(), shown))
         rows.append(row)
-    titles = ["guidance", "truth,\nlit aslant", "NeuBTF", "truth,\nseen aslant", "NeuBTF"]
+    names = [what for _, what in FITS.values()]
+    titles = ["guidance", "truth,\nlit aslant", *names, "truth,\nseen aslant", *names]
     figure = grid(rows, titles, labels, text=LARGE)
     for axes in figure.axes:
         line, middle = {"color": "white", "linewidth": 0.8, "linestyle": (0, (3, 3))}, SIZE / 2 - 0.5
@@ -219,16 +234,19 @@ def _near(btf: BTF, pair: Any) -> int:
 
 def draw_photograph(bench: Bench) -> None:
     """The grey photographs that the built-in reliefs were cut from, whole, at the scale of the fitted texels."""
-    rows = []
-    for name, photograph, texels in (("gravel", data.gravel(), 210), ("grass on gravel", data.grass(), 210)):
-        source = bench.quarter(name.split()[-1])
-        picture = np.repeat(decode_srgb(photograph[..., None] / 255), 3, 2).astype(np.float32)
-        material = guided(source, picture, Treatment(scale=SIZE / texels))
-        small = resize(picture, material.size)
-        pictures = [encode_srgb(small), *(shot(material, pair, source.exposure) for pair in PAIRS[:3])]
-        rows.append([picture[:200, :200] for picture in pictures])
+    rows, names = [], []
+    texels_of_relief = 210  # a side that was cut from a photograph
+    for photograph, what in ((data.gravel(), "gravel"), (data.grass(), "grass, as gravel")):
+        for kind, (_, recipe) in FITS.items():
+            source = bench.quarter("gravel", kind)
+            picture = np.repeat(decode_srgb(photograph[..., None] / 255), 3, 2).astype(np.float32)
+            material = guided(source, picture, Treatment(scale=SIZE / texels_of_relief))
+            small = resize(picture, material.size)
+            pictures = [encode_srgb(small), *(shot(material, pair, source.exposure) for pair in PAIRS[:3])]
+            rows.append([picture[:200, :300] for picture in pictures])
+            names.append(f"{what},\n{recipe}")
     titles = ["photograph,\na part", *(lit_from(pair) for pair in PAIRS[:3])]
-    bench.save(grid(rows, titles, ["gravel", "grass,\nas gravel"], 2.1, LARGE), "photograph.jpg")
+    bench.save(grid(rows, titles, names, 2.4, LARGE), "photograph.jpg")
 
 
 def draw_tileable(bench: Bench) -> None:
@@ -255,15 +273,16 @@ def draw_edits(bench: Bench) -> None:
     """Structures that the materials never had."""
     rows, names = [], []
     for name, structure, what in (
-        ("brick", hexagons(), "a drawing,\nas brick"),
-        ("satin", jacquard(), "a draft,\nas satin"),
-        ("gravel", decode_srgb(data.coins()[2:290:2, 10:370:2] / 255), "coins,\nas gravel"),
+        ("brick", hexagons(side=52, joint=6), "a drawing,\nas brick"),
+        ("satin", jacquard(thread=26)[:160, :200], "a draft,\nas satin"),
+        ("gravel", decode_srgb(data.coins()[2:162, 10:210] / 255), "coins,\nas gravel"),
     ):
-        source = bench.quarter(name)
-        picture = np.repeat(structure[..., None], 3, 2).astype(np.float32)
-        material = guided(source, picture, Treatment())
-        rows.append([encode_srgb(picture), *(shot(material, pair, source.exposure) for pair in EDITED)])
-        names.append(what)
+        for kind, (_, recipe) in FITS.items():
+            source = bench.quarter(name, kind)
+            picture = np.repeat(structure[..., None], 3, 2).astype(np.float32)
+            material = guided(source, picture, Treatment())
+            rows.append([encode_srgb(picture), *(shot(material, pair, source.exposure) for pair in EDITED)])
+            names.append(f"{what},\n{recipe}")
     bench.save(grid(rows, ["guidance", *(lit_from(pair) for pair in EDITED)], names, 2.3, LARGE), "edits.jpg")
 
 
@@ -311,10 +330,10 @@ def jacquard(thread: int = 13) -> Array:
 
 def draw_levels(bench: Bench) -> None:
     """Does a smaller guidance give what a smaller picture of the material shows? On the quarter that was fitted."""
-    btf = bench.btf("brick")
+    btf = bench.btf("brick", SCALED_SIZE)
     rows, columns = btf.shape
     for kind, settings in SCALED.items():
-        source = bench.quarter("brick", f"scaled-{kind}", settings)
+        source = bench.quarter("brick", f"scaled-{kind}", settings, SCALED_SIZE)
         print_levels(kind, levels(source, btf, (rows // 2, columns // 2)))
 
 
@@ -353,7 +372,7 @@ def draw_latents(bench: Bench) -> None:
     """The channels of two neural textures, as `neubtf-bench latents` draws them."""
     for name in ("brick", "satin"):
         bench.quarter(name)
-        material = loading.load(bench.keep / f"{name}-brief-neubtf.nbtf")[1]
+        material = loading.load(bench.keep / f"{name}-paper-neubtf.nbtf")[1]
         assert isinstance(material, NeuBTFMaterial)
         latents.draw(material.texture, bench.out / f"neubtf-latents-{name}.png")
 

@@ -11,6 +11,7 @@ checksum, written by hand, is valid too.
 """
 
 import json
+import logging
 import os
 import re
 import zlib
@@ -26,6 +27,8 @@ from bench.records import fields
 from bench.records.schema import ARTEFACT, Job, Record, RunStart, Stress, Timing, Trade, setting_name
 
 Found = TypeVar("Found")
+
+log = logging.getLogger(__name__)
 
 FILE = "records.jsonl"
 TRADE = "trade.json"  # beside the records: the measurements of `neubtf-bench trade`; see `bench.runs.trade`
@@ -192,9 +195,10 @@ def load_together(
 ) -> Run:
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
-    If two runs measured the same job, the later one counts; `InputError` if they used different data. Jobs with a
-    result that are not `wanted` replace no other job. With `beside`, files of records come first, and a job of a folder
-    that used other data than theirs stands beside theirs under another name, without its timing.
+    Warns of lines that cannot be read, which are left out. If two runs measured the same job, the later one counts;
+    `InputError` if they used different data. Jobs with a result that are not `wanted` replace no other job. With
+    `beside`, files of records come first, and a job of a folder that used other data than theirs stands beside theirs
+    under another name, without its timing.
     """
     paths: list[Path] = []
     for source in sources:
@@ -202,6 +206,10 @@ def load_together(
     if beside:
         paths.sort(key=lambda path: path.suffix != ".jsonl")
     runs = list(map(load_run, paths))
+    for path, run in zip(paths, runs, strict=True):
+        if run.unreadable:
+            lines = ", ".join(map(str, run.unreadable))
+            log.warning("%s: cut or altered, and left out: line(s) %s", path, lines)
     if len(runs) == 1:
         return runs[0]
     together = Run(runs[-1].folder)

@@ -50,7 +50,8 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
         rows.append((row, pictures))
     if not rows:
         return None
-    rows, left_out = of_same_pairs(rows)
+    rows, others = of_same_pairs(rows)
+    left_out = [row.label for row in others]
     _, first = rows[0]
     count, height, width = first["truth"].shape[:3]
     factor = max(1, math.ceil(CELL / max(height, width)))
@@ -115,7 +116,13 @@ def strip(run: Run, budget: Budget) -> Figure | None:
         # Of each line, a codec or a codec as published: the setting that fits the budget best, by its first seed.
         picked = result.picks(budget, [material])
         jobs = [picked[line][material].of[0] for line in result.ranked(budget, [material])]
-        best_three = _of_same_pairs(run, jobs)[:3]
+        with_pictures = []
+        for job in jobs:
+            pictures = arrays(run.folder, job, "pictures")
+            if pictures:
+                with_pictures.append((job, pictures))
+        alike, _ = of_same_pairs(with_pictures)
+        best_three = alike[:3]
         if len(best_three) < 3:
             continue
         best, _ = best_three[0]
@@ -125,24 +132,6 @@ def strip(run: Run, budget: Budget) -> Figure | None:
             with style():
                 return _strip(material, best_three, scores)
     return None
-
-
-def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
-    """The jobs with pictures of the same pairs as the first job that has any, each with its pictures.
-
-    Pictures of other pairs could not stand beside the same truth.
-    """
-    with_pictures: list[tuple[Job, Arrays]] = []
-    first: Arrays | None = None
-    for job in jobs:
-        pictures = arrays(run.folder, job, "pictures")
-        if not pictures:
-            continue
-        if first is None:
-            first = pictures
-        if np.array_equal(pictures["pairs"], first["pairs"]):
-            with_pictures.append((job, pictures))
-    return with_pictures
 
 
 def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:

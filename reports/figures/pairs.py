@@ -59,7 +59,8 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
                 rows.append((row, arrays_of_row))
     if material is None or not rows:
         raise InputError(f"figure pairs: no slices of {name} are stored in {run.folder}")
-    rows, left_out = of_same_pairs(rows)
+    rows, others = of_same_pairs(rows)
+    left_out = [row.label for row in others]
     places = _places(rows[0][1], pairs)
     with style():
         sheet = _drawn(run, rows, left_out, places, inset)

@@ -48,7 +48,7 @@ def test_a_line_cut_by_a_kill_is_counted_and_costs_only_itself(tmp_path):
     assert run.unreadable == [2]
 
 
-def test_a_line_that_was_altered_is_no_record_though_it_reads_as_one(tmp_path):
+def test_a_line_that_was_altered_is_no_record_though_it_reads_as_one(tmp_path, caplog):
     append(tmp_path, job("x", psnr=31.5))
     append(tmp_path, job("y", psnr=32.5))
     path = tmp_path / FILE
@@ -56,6 +56,8 @@ def test_a_line_that_was_altered_is_no_record_though_it_reads_as_one(tmp_path):
     run = load_run(tmp_path)
     assert [job["job"] for job in run.jobs] == ["y"]
     assert run.unreadable == [1]
+    assert len(lines.load_together([tmp_path]).jobs) == 1
+    assert "cut or altered, and left out: line(s) 1" in caplog.text  # tables would lack it unsaid
 
 
 @pytest.mark.parametrize("name", ['a "quoted" \\ name', "ümlaut/π components=4/0", "", '", "'])
