@@ -3,9 +3,9 @@
 Each element of a batch has a random slice as its input and others as its targets, in a window and at a scale of their
 own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open. An
 input and a target are slices of the BTF: all texels for one pair of view and light.
-A step's elements are read, encoded and rendered at once, because a GPU takes as long for one. On a GPU a long fit also
-compiles what a step encodes, renders and compares, into graphs of kernels that start at once: a step would start 870
-kernels otherwise, which takes longer than they run.
+A step's elements are read, encoded and rendered at once, because a GPU takes as long for one element as for all. On a
+GPU a long fit also compiles what a step encodes, renders and compares, into graphs of kernels that start at once: a
+step would start 870 kernels otherwise, which takes longer than they run.
 
 Style and spectrum see linear radiance in the display's range [0, 1], because the paper compresses only the pixel term,
 and because one highlight would otherwise outweigh every Gram matrix and spectrum. Pictures (B, 3, H, W) are periodic.
@@ -28,7 +28,7 @@ from neubtf.autoencoder import Encoder, as_guidance, displayed, eight_bits
 from neubtf.renderer import render
 from neubtf.training import Guided, StagedSettings, by_texel, pictures, slice_of
 
-CANDIDATES = 64  # slices, spread over all, of which the best is the guidance of the file
+CANDIDATES = 64  # slices at most, spread over all, of which the best is the guidance of the file
 COMPARED = 16_384  # random samples by which they are compared
 AT_ONCE = 16  # slices whose means are computed at once
 DARKEST = 1e-4  # least mean of a slice, in a display's range; darker slices are shown as if they had it
@@ -37,7 +37,7 @@ PAPER = {"bits": 8, "directions": "xy", "loss": "l1", "keep_scale": 0.0, "init":
 # Left open, and chosen:
 PAPER |= {"steps": 5_000, "slices": 16, "targets": 1, "texel_pairs": 1, "crop": 64, "around": 0}
 PAPER |= {"smallest": 0.75, "blur": 0.5, "noise": 0.02}
-COMPILED_FROM = 2_000  # steps of a fit on a GPU that saves the 44 s of compiling: some 28 ms a step
+COMPILED_FROM = 2_000  # steps from which a fit on a GPU compiles: that takes 44 s, and saves some 28 ms a step
 FILTERS = 24  # filters of each scale
 KERNEL = 5  # texels a side at each scale
 SCALES = 3  # full, half and quarter resolution
@@ -119,7 +119,7 @@ class Elements(NamedTuple):
 
     window: Crop  # the size and the surroundings of all
     picture: Tensor  # (E, 3, h, w) in sRGB, the inputs
-    views: Tensor  # (E,), the pairs of the inputs
+    input_pairs: Tensor  # (E,)
     targets: Tensor  # (E, targets, n, 3), log radiance
     pairs: Tensor  # (E, targets), those of the target slices
     texels: Tensor  # (E, n, k) of the material, whose weighted means are the windows' texels
@@ -133,7 +133,7 @@ class Truth(NamedTuple):
     (E, n, texel_pairs, 3) for pairs that each texel has for itself.
     """
 
-    wo: Tensor  # unit directions, broadcast to that shape
+    wo: Tensor  # unit directions (…, 3), which broadcast to that shape
     wi: Tensor
     level: Tensor  # log radiance
 
@@ -169,7 +169,7 @@ class Published(Guided):
         """A function of a step, compiled where that saves time: in a long fit, on a GPU for which Triton is installed.
 
         It is then recorded as graphs of a GPU's kernels ("reduce-overhead"). Each size of window would be compiled
-        anew. They have one size where every crop is smaller than the picture.
+        anew. Windows have one size where every crop is smaller than the picture.
         """
         settings, device = self.settings, self.samples.device
         long_enough = settings.steps >= COMPILED_FROM
@@ -233,7 +233,7 @@ class Published(Guided):
         return Elements(
             window=window,
             picture=picture,
-            views=input_pairs,
+            input_pairs=input_pairs,
             targets=target_levels[:, :, inner],
             pairs=target_pairs,
             texels=texels[:, inner],
@@ -259,8 +259,8 @@ class Published(Guided):
 
     def losses(self, batch: list[Elements], generator: torch.Generator) -> Tensor:
         """The losses (3,) of pixels, style and spectrum, not weighted, as means over elements."""
-        sums = [len(elements.views) * self._losses_of(elements, generator) for elements in batch]
-        count = sum(len(elements.views) for elements in batch)
+        sums = [len(elements.input_pairs) * self._losses_of(elements, generator) for elements in batch]
+        count = sum(len(elements.input_pairs) for elements in batch)
         return torch.stack(sums).sum(0) / count
 
     def _losses_of(self, elements: Elements, generator: torch.Generator) -> Tensor:
@@ -272,7 +272,7 @@ class Published(Guided):
         if self.settings.texel_pairs:
             at_texel_pairs = self._at_texel_pairs(elements, generator)
         found = self.comparison(elements.picture, inner, at_targets, at_texel_pairs, window.inner_size, window.whole)
-        frequency = focal_frequency(found.our_pictures, found.true_pictures)
+        frequency = focal_frequency(found.our_pictures, found.true_pictures)  # of complex numbers: not compiled
         return torch.stack([found.pixel, found.style, frequency])
 
     def _compared(

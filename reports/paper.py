@@ -1,8 +1,9 @@
 """Two tables on the NeuBTF paper: its quality beside ours, and its method with one thing changed at a time.
 
 The first sets Table 1 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023),
-beside our numbers: mean ± deviation over the slices of all pairs. (`reports.parameters` has its Table 2.) The second
-shows the suite `ablation`: each codec as it is, and what each change of a setting is worth.
+beside our numbers: mean ± deviation over the slices of all, of fitted and of held-out pairs, as means over seeds.
+(`reports.parameters` has its Table 2.) The second shows the suite `ablation`: each codec as it is, and what each change
+of a setting is worth.
 
 A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A *job* is one codec with
 its settings on one material, fitted with one seed; its *label* is the codec with these settings, `neubtf recipe=paper`.
@@ -38,8 +39,8 @@ _METRICS = ((PSNR, "PSNR", "dB ↑", 2), (SSIM, "SSIM", "↑", 3), (FLIP, "FLIP"
 _PAIRS = (("all", "all"), ("fitted", "train"), ("held out", "heldout"))
 _PUBLISHED_PAIRS = ("all", "train")
 _NOTES = (
-    "Mean ± standard deviation over slices; of several seeds the means of both, and ± is the standard deviation of the "
-    "PSNR over seeds.",
+    "Mean ± standard deviation over slices; with several seeds the means of both over seeds. “seeds”: how many, and ± "
+    "the standard deviation of the mean PSNR over them; on rendered surfaces each has held-out pairs of its own.",
     "The paper fits every pair that it scores, at an exposure that it does not state: docs/metrics.md, “Tables”. LPIPS,"
     " its fourth row, is not computed here, by design; SSIM and FLIP depend on resolution.",
 )
@@ -120,26 +121,30 @@ def _rows(jobs: Sequence[Job]) -> Iterator[list[str]]:
 
 
 def _seeds_in_words(jobs: Sequence[Job], group: str) -> str:
-    """How many seeds there are, and the deviation of their PSNR over a group of pairs: "3, ± 0.05"."""
+    """How many seeds there are, and the deviation of their PSNR over a group of pairs: "3, ± 0.05".
+
+    Without the deviation if there is one seed, or one without a number.
+    """
     means = []
     for job in jobs:
         mean = stats_of(job, PSNR, group).get("mean")
         if mean is not None:
             means.append(mean)
-    if len(means) < 2:
+    if len(means) < max(2, len(jobs)):
         return str(len(jobs))
     return f"{len(jobs)}, ± {fixed(stdev(means), 2)}"
 
 
 def _quality(jobs: Sequence[Job], family: str, group: str, digits: int) -> str:
-    """Mean ± deviation of a metric over the slices of a group of pairs, as means over jobs; “exact” if none has an
-    error, “n/a” if the metric does not apply, a dash if it was not measured."""
-    numbers: list[tuple[float, ...]] = []
-    for job in jobs:
-        value = stated(stats_of(job, family, group), "mean", "std")
-        if not isinstance(value, tuple):
-            return value or NONE  # a word in place of a number, such as “exact”, or None
-        numbers.append(value)
+    """Mean ± deviation of a metric over the slices of a group of pairs, as means over the jobs that have them.
+
+    If none has: “exact” if no slice of the first has an error, “n/a” if the metric does not apply, a dash if it was not
+    measured.
+    """
+    values = [stated(stats_of(job, family, group), "mean", "std") for job in jobs]
+    numbers = [value for value in values if isinstance(value, tuple)]
+    if not numbers:
+        return values[0] or NONE  # a word in place of a number, such as “exact”, or None
     means_over_jobs = tuple(fmean(values) for values in zip(*numbers, strict=False))
     return plus_minus(means_over_jobs, digits)
 

@@ -6,7 +6,7 @@
 gravel, satin and wool (measured, `$NEUBTF_DATA`), by the paper's recipe and in some minutes; at several scales on the
 quarter of 128² texels of brick; at 64² and with 2,500 steps, what fails on cable-knit; and by the paper's recipe the
 fits of Table 1 to bricks (`$NEUBTF_DATA`), satin and wool. By the paper's recipe a quarter takes an hour of a core, and
-a whole material an hour and a half. NAMEs choose among the pictures; by default all are drawn. Prints the figures that
+a whole material 1.7 hours. NAMEs choose among the pictures; by default all are drawn. Prints the figures that
 the page quotes.
 """
 
@@ -24,7 +24,7 @@ from skimage import data
 from threadpoolctl import threadpool_limits
 
 from bench.btf import BTF
-from bench.codec import Codec, Fit, silent
+from bench.codec import Codec, Fit, settings_dict, silent
 from bench.codecs import container, loading
 from bench.codecs.encoding import new_fit
 from bench.codecs.registry import load_codec
@@ -48,9 +48,10 @@ from neubtf.renderer import NeuBTFMaterial
 Array = np.ndarray
 SIZE = 256
 SCALED_SIZE = 128  # of what is fitted at several scales
-SMALL = 64  # of what is fitted in full
+SMALL = 64  # of cable-knit, which `draw_failure` fits whole
 LARGE = 13  # points of text that a telephone shows, too
 FAILING = "cable-knit"
+CUT = 210  # texels a side of the photographs from which the built-in reliefs were made
 UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
@@ -60,7 +61,7 @@ PAPER: dict[str, Any] = {"recipe": "paper"}
 BRIEF: dict[str, Any] = {"steps": 1800, "direct": 0.0, "taught": 0.0, "explore": 0.1}
 # By the name of a fit's file: its settings, and what pictures call it.
 FITS = {"paper": (PAPER, "the paper's\nrecipe"), "brief": (BRIEF, "short fit")}
-# Half the steps show other slices, and half of those another scale, or none of them.
+# "ours": half the steps show random slices, half of which are rescaled. "paper": all are random and rescaled.
 SCALED = {
     "ours": BRIEF | {"smallest": 0.25, "explore": 0.5, "steps": 3600},
     "paper": {"recipe": "paper", "smallest": 0.25, "steps": 3600},
@@ -80,12 +81,18 @@ class Bench:
     def quarter(
         self, name: str, kind: str = "paper", settings: dict[str, Any] | None = None, size: int = SIZE
     ) -> FittedMaterial:
+        """What `file_of_quarter` holds."""
+        return FittedMaterial.read(self.file_of_quarter(name, kind, settings, size))
+
+    def file_of_quarter(
+        self, name: str, kind: str = "paper", settings: dict[str, Any] | None = None, size: int = SIZE
+    ) -> Path:
         """NeuBTF, fitted to the upper left quarter of a material, which is not periodic; by default as `FITS` says."""
         if settings is None:
             settings, _ = FITS[kind]
         btf = self.btf(name, size)
         part = btf.subset(btf.split().train).crop(0, 0, btf.shape[0] // 2, btf.shape[1] // 2)
-        return FittedMaterial.read(self.file(part, NeuBTF(keep_encoder=True, **settings), Path(name).name, kind))
+        return self.file(part, NeuBTF(keep_encoder=True, **settings), Path(name).name, kind)
 
     def of_table_1(self, name: str) -> tuple[FittedMaterial, BTF]:
         """NeuBTF by the paper's recipe, fitted to a whole material as in `paper-nearest`, and that material."""
@@ -99,10 +106,14 @@ class Bench:
         return FittedMaterial.read(path), btf
 
     def file(self, btf: BTF, codec: Codec, name: str, kind: str, fit: Fit | None = None) -> Path:
-        """The file of a fit, kept from an earlier time if it has the same settings."""
-        path = self.keep / f"{name}-{kind}-{codec.name}.nbtf"
-        if not path.exists() or container.read_header(path).settings != vars(codec.settings):
-            container.save(path, codec, codec.encode(btf, fit or Fit()))
+        """The file of a fit, kept from an earlier time if it has the same size, settings and version."""
+        path = self.keep / f"{name}-{kind}-{btf.shape[0]}-{codec.name}.nbtf"
+        if path.exists():
+            header = container.read_header(path)
+            settings = settings_dict(codec)
+            if header.settings == settings and header.version == codec.version_of(settings):
+                return path
+        container.save(path, codec, codec.encode(btf, fit or Fit()))
         return path
 
     def save(self, figure: Figure, name: str) -> None:
@@ -114,7 +125,7 @@ class Bench:
 
 
 def heldout(btf: BTF) -> Array:
-    """At most 150 of the validation pairs, evenly spread."""
+    """At most 150 of the held-out pairs, validation or test, evenly spread."""
     pairs = np.sort(np.concatenate(list(btf.split().heldout.values())))
     return pairs[:: -(-len(pairs) // 150)]
 
@@ -235,12 +246,11 @@ def _near(btf: BTF, pair: Any) -> int:
 def draw_photograph(bench: Bench) -> None:
     """The grey photographs that the built-in reliefs were cut from, whole, at the scale of the fitted texels."""
     rows, names = [], []
-    texels_of_relief = 210  # a side that was cut from a photograph
     for photograph, what in ((data.gravel(), "gravel"), (data.grass(), "grass, as gravel")):
         for kind, (_, recipe) in FITS.items():
             source = bench.quarter("gravel", kind)
             picture = np.repeat(decode_srgb(photograph[..., None] / 255), 3, 2).astype(np.float32)
-            material = guided(source, picture, Treatment(scale=SIZE / texels_of_relief))
+            material = guided(source, picture, Treatment(scale=SIZE / CUT))
             small = resize(picture, material.size)
             pictures = [encode_srgb(small), *(shot(material, pair, source.exposure) for pair in PAIRS[:3])]
             rows.append([picture[:200, :300] for picture in pictures])
@@ -256,7 +266,7 @@ def draw_tileable(bench: Bench) -> None:
     pairs = np.array([[direction(wo), direction(wi)] for wo, wi in PAIRS])
     row, titles = [], []
     for margin, name in ((0.0, "as it is"), (1 / 6, "--make-tileable")):
-        material = guided(source, picture, Treatment(scale=SIZE / 210, margin=margin))
+        material = guided(source, picture, Treatment(scale=SIZE / CUT, margin=margin))
         ratios = seam_of(material, pairs)
         told = " and ".join(f"{seam.of_mean:.2f}" for seam in ratios)
         titles.append(f"{name}\n{told}")
@@ -309,7 +319,7 @@ def draw_published(bench: Bench) -> None:
     bench.save(grid(rows, ["guidance", *(lit_from(pair) for pair in EDITED)], names, 2.3, LARGE), "published.jpg")
 
 
-def hexagons(side: float = 26, joint: float = 3) -> Array:
+def hexagons(side: float, joint: float) -> Array:
     """A binary drawing (160, 200): hexagons `side` texels apart, with bright joints between them."""
     rows, columns = np.mgrid[-1:10, -1:10]
     centres = np.stack([rows * side * np.sqrt(3) / 2, (columns + rows % 2 / 2) * side], -1).reshape(-1, 2)
@@ -318,8 +328,11 @@ def hexagons(side: float = 26, joint: float = 3) -> Array:
     return np.where(nearest[..., 1] - nearest[..., 0] < joint, 0.5, 0.12)
 
 
-def jacquard(thread: int = 13) -> Array:
-    """A binary draft (208, 260): bright where the weft lies above. Satin, and inside a silhouette its other side."""
+def jacquard(thread: int) -> Array:
+    """A binary draft (16 · thread, 20 · thread): bright where the weft lies above.
+
+    It is satin, and inside a silhouette satin's other side.
+    """
     warp, weft = np.meshgrid(np.arange(20), np.arange(16))
     silhouette = np.asarray(
         Image.fromarray(data.horse()[25:310, 20:380]).resize(warp.shape[::-1], Image.Resampling.NEAREST)
@@ -371,8 +384,7 @@ def levels(source: FittedMaterial, btf: BTF, fitted: tuple[int, int]) -> list[li
 def draw_latents(bench: Bench) -> None:
     """The channels of two neural textures, as `neubtf-bench latents` draws them."""
     for name in ("brick", "satin"):
-        bench.quarter(name)
-        material = loading.load(bench.keep / f"{name}-paper-neubtf.nbtf")[1]
+        material = loading.load(bench.file_of_quarter(name))[1]
         assert isinstance(material, NeuBTFMaterial)
         latents.draw(material.texture, bench.out / f"neubtf-latents-{name}.png")
 

@@ -40,10 +40,12 @@ def test_a_step_has_windows_of_several_sizes_and_its_losses_are_the_mean_over_el
     fitting = published(smallest=0.5, slices=60, texel_pairs=0)
     batch = fitting.batch(generator())
     assert len({elements.window.size for elements in batch}) > 1
-    assert sum(len(elements.views) for elements in batch) == 60
-    assert len({int(view) for elements in batch for view in elements.views}) > 20
+    assert sum(len(elements.input_pairs) for elements in batch) == 60
+    assert len({int(pair) for elements in batch for pair in elements.input_pairs}) > 20
     each = [
-        fitting.losses([alone(elements, at)], generator()) for elements in batch for at in range(len(elements.views))
+        fitting.losses([alone(elements, at)], generator())
+        for elements in batch
+        for at in range(len(elements.input_pairs))
     ]
     torch.testing.assert_close(fitting.losses(batch, generator()), torch.stack(each).mean(0))
 
