@@ -13,6 +13,8 @@ and because one highlight would otherwise outweigh every Gram matrix and spectru
 
 import importlib.util
 import math
+import os
+import shutil
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -166,7 +168,7 @@ class Published(Guided):
         self.comparison = self._quickest(self._compared)
 
     def _quickest(self, function: Callable[..., Comparison]) -> Callable[..., Comparison]:
-        """A function of a step, compiled where that saves time: in a long fit, on a GPU for which Triton is installed.
+        """A function of a step, compiled where that saves time and is possible: in a long fit, on a GPU, by Triton.
 
         It is then recorded as graphs of a GPU's kernels ("reduce-overhead"). Each size of window would be compiled
         anew. Windows have one size where every crop is smaller than the picture.
@@ -174,8 +176,7 @@ class Published(Guided):
         settings, device = self.settings, self.samples.device
         long_enough = settings.steps >= COMPILED_FROM
         one_size = settings.crop < settings.smallest * min(self.samples.shape)
-        possible = device.type == "cuda" and importlib.util.find_spec("triton") is not None
-        if long_enough and one_size and possible:
+        if long_enough and one_size and device.type == "cuda" and _triton_works():
             return torch.compile(function, dynamic=False, mode="reduce-overhead")
         return function
 
@@ -321,6 +322,12 @@ class Published(Guided):
         pairs = pairs.to(self.samples.device, non_blocking=True)
         level = self.averaged(elements.texels[:, :, None], elements.weights[:, :, None], pairs)
         return Truth(self.samples.wo[pairs], self.samples.wi[pairs], level)
+
+
+def _triton_works() -> bool:
+    """Whether Triton is installed, and a C compiler, without which it starts no kernel."""
+    compiler = os.environ.get("CC") or shutil.which("gcc") or shutil.which("clang")
+    return importlib.util.find_spec("triton") is not None and compiler is not None
 
 
 def slice_means(samples: Samples) -> Tensor:

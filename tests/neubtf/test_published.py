@@ -156,20 +156,23 @@ LONG_FIT = {"steps": COMPILED_FROM, "crop": 8}  # crops that a scale of 0.75 lea
 
 
 @pytest.mark.parametrize(
-    ("settings", "device", "compiled"),
+    ("settings", "device", "compiler", "compiled"),
     [
-        (LONG_FIT, "cuda", True),
-        (LONG_FIT, "cpu", False),
-        (LONG_FIT | {"steps": COMPILED_FROM - 1}, "cuda", False),
-        (LONG_FIT | {"crop": 16}, "cuda", False),  # windows of many sizes
+        (LONG_FIT, "cuda", "/usr/bin/gcc", True),
+        (LONG_FIT, "cpu", "/usr/bin/gcc", False),
+        (LONG_FIT | {"steps": COMPILED_FROM - 1}, "cuda", "/usr/bin/gcc", False),
+        (LONG_FIT | {"crop": 16}, "cuda", "/usr/bin/gcc", False),  # windows of many sizes
+        (LONG_FIT, "cuda", None, False),  # Triton would fail in the first step
     ],
 )
 def test_a_long_fit_on_a_gpu_compiles_what_its_steps_compute(
-    settings: dict[str, Any], device: str, compiled: bool, monkeypatch: pytest.MonkeyPatch
+    settings: dict[str, Any], device: str, compiler: str | None, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fitting = published(**settings)
     fitting.samples.device = torch.device(device)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: name)  # as if Triton were installed
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr("shutil.which", lambda name: compiler)
     monkeypatch.setattr(torch, "compile", lambda function, dynamic, mode: "compiled")
     assert (fitting._quickest(fitting._compared) == "compiled") == compiled
 
