@@ -172,7 +172,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     Measured data must lie under `NEUBTF_DATA`, or at the path that `places` has by name of material: an archive may not
     choose which paths of this machine are opened.
     """
-    starts = {start["run"]: start for start in run.starts}
+    starts = {start["run"]: start for start in run.starts if "run" in start}
     for start in starts.values():
         # Who measured, and with what, is said of this machine; only what the jobs are comes from the archive.
         here: RunStart = {"text": "", "device": "cpu", "threads": 1}

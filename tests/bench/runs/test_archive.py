@@ -243,6 +243,14 @@ def test_what_cannot_be_verified_is_named_and_the_rest_goes_on(packed, tmp_path,
     assert (text.count(" agrees\n"), code) == (3, 0)
 
 
+def test_jobs_of_a_start_without_a_name_are_not_verified(packed, tmp_path, capsys):
+    def nameless(line):
+        return {key: value for key, value in line.items() if key != "run" or line["kind"] != "run"}
+
+    _, text = verified(altered(packed, tmp_path / "a.zip", nameless), tmp_path, capsys)
+    assert text.count(" not verified ") == 4
+
+
 @pytest.mark.parametrize("name", ["../evil.nbtf", "files/../../evil", "/evil", "files/a/b", "other.txt"])
 def test_a_foreign_name_is_refused_before_anything_is_unpacked(tmp_path, name):
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
