@@ -57,9 +57,11 @@ FORMULAS = {
     "maximum": "max({0}, {1})",
     "remainder": "{0} - {1} * floor({0} / {1})",
 }
-# For integers. `%` of GLSL may give a remainder with the dividend's sign; PyTorch's has the divisor's, as this formula.
+# For integers. PyTorch's remainder has the divisor's sign. `%` may have the dividend's, which this formula mends.
 WHOLE = {name: FORMULAS[name] for name in ("neg", "abs", "add", "sub", "mul", "minimum", "maximum")}
 WHOLE["remainder"] = "({0} % {1} + {1}) % {1}"
+# GLSL and HLSL do not define `%` of a negative number. By a positive divisor this formula asks for none.
+REMAINDER_BY_POSITIVE = "(max({0}, 0) + {1} - max(-({0}), 0) % {1}) % {1}"
 TRUTHS = {
     "eq": "{0} == {1}",
     "ne": "{0} != {1}",
@@ -74,6 +76,9 @@ TRUTHS = {
     "logical_not": "!({0})",
     "bitwise_not": "!({0})",
 }
+# Of truths a product is “and”, a sum “or”.
+OF_TRUTHS = {"mul": TRUTHS["logical_and"], "minimum": TRUTHS["logical_and"]}
+OF_TRUTHS |= {"add": TRUTHS["logical_or"], "maximum": TRUTHS["logical_or"]}
 KINDS = {"bool": bool, "int": int, "float": float}  # each contains those before it
 
 
@@ -101,13 +106,14 @@ def _each(m: Backend, step: Step, formula: str, *arguments: Any, from_kind: str 
 
 
 def _computes(name: str) -> Operation:
-    """The operation that applies the formula of a name to each element, for floats or for whole numbers."""
+    """The operation that applies the formula of a name to each element, by the kind of the result."""
 
     def compute(m: Backend, step: Step, *arguments: Any) -> Array:
-        """Compute the step element by element: by one formula for floats, by another for whole numbers."""
-        formulas = FORMULAS if step.kind == "float" else WHOLE
+        """Compute the step element by element, by the formula for floats, for whole numbers or for truths."""
+        formulas = {"float": FORMULAS, "int": WHOLE, "bool": OF_TRUTHS}[step.kind]
         if name not in formulas:
-            raise m.cannot(f"do {name!r} of whole numbers")
+            elements = {"int": "whole numbers", "bool": "truths"}[step.kind]
+            raise m.cannot(f"do {name!r} of {elements}")
         return _each(m, step, formulas[name], *arguments).items
 
     return compute
@@ -132,6 +138,17 @@ def _decides(formula: str) -> Operation:
 
 OPERATIONS |= {name: _computes(name) for name in FORMULAS}
 OPERATIONS |= {name: _decides(formula) for name, formula in TRUTHS.items()}
+
+
+@operation("remainder")
+def _remainder(m: Backend, step: Step, number: Any, divisor: Any) -> Array:
+    """The remainder with the divisor's sign."""
+    if step.kind == "float":
+        return _each(m, step, FORMULAS["remainder"], number, divisor).items
+    divisors = _flat(m, divisor, step.kind, step.shape)
+    positive = all(is_number(each) and each > 0 for each in divisors)
+    formula = REMAINDER_BY_POSITIVE if positive else WHOLE["remainder"]
+    return _each(m, step, formula, number, divisor).items
 
 
 @operation("relu", "leaky_relu")

@@ -11,7 +11,7 @@ from bench.directions.hemisphere import uniform
 from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
 from bench.program import llvm
-from bench.program.operations import OPERATIONS
+from bench.program.operations import OPERATIONS, REMAINDER_BY_POSITIVE
 from bench.program.recording import program_of
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import shader
@@ -42,6 +42,11 @@ MATERIALS: dict[str, Evaluate] = {
     "whole numbers and truths": lambda uv, wo, wi: 0.1 * (whole(uv)[:, :1] + (wo > wi)),
     "a remainder by a number of a tensor": lambda uv, wo, wi: wi.abs() * (whole(uv)[:, :1] % torch.tensor(4)),
     "a remainder by what may be 1": lambda uv, wo, wi: wi.abs() * (whole(uv)[:, :1] % (whole(uv)[:, 1:] + 1)),
+    "a product and a sum of truths": lambda uv, wo, wi: (
+        wo.abs() * ((wo > wi) * (wi > 0.2)) + wi.abs() * ((wo > 0.9) + (wi > 0.5))
+    ),
+    "a remainder of what may be negative": lambda uv, wo, wi: wi.abs() * ((whole(uv)[:, :1] - 7) % 4),
+    "a remainder by a negative number": lambda uv, wo, wi: 5 + wi.abs() * (whole(uv)[:, :1] % -4),
     "the greatest of some numbers": lambda uv, wo, wi: torch.cat([wo, wi], 1).abs().topk(3).values,
     "the least of some numbers, and their places": lambda uv, wo, wi: (
         wo.abs() * torch.cat([wo, wi], 1).topk(3, largest=False).indices
@@ -91,6 +96,32 @@ def test_a_shader_asks_for_no_whole_power_of_what_may_be_negative() -> None:
     """GLSL leaves `pow` undefined there."""
     code = shader(program_of(Made(MATERIALS["whole powers of what may be negative"])), GLSL)
     assert "pow(" not in code.text
+
+
+class Whole(int):
+    """A whole number that has a remainder only where GLSL and HLSL define it."""
+
+    def __add__(self, other: int) -> "Whole":
+        return Whole(int(self) + other)
+
+    def __sub__(self, other: int) -> "Whole":
+        return Whole(int(self) - other)
+
+    def __mod__(self, other: int) -> "Whole":
+        assert self >= 0
+        assert other > 0
+        return Whole(int(self) % int(other))
+
+
+def larger(first: int, second: int) -> Whole:
+    return Whole(max(int(first), int(second)))
+
+
+def test_a_remainder_by_a_positive_number_asks_for_none_of_a_negative_one() -> None:
+    code = REMAINDER_BY_POSITIVE.format("a", "b").replace("max(", "larger(")
+    for a in range(-20, 21):
+        for b in range(1, 8):
+            assert eval(code, {"a": Whole(a), "b": Whole(b), "larger": larger}) == a % b
 
 
 @pytest.mark.parametrize("name", MATERIALS)
