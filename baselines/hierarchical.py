@@ -368,6 +368,7 @@ class Hierarchical(NeuMIP):
     name, version = "hierarchical", 2
     sizes = ("channels",)
     recipes: ClassVar = {"paper": PAPER}
+    recipe_versions: ClassVar = {}  # not NeuMIP's
     objective, material = HierarchicalObjective, HierarchicalMaterial
 
     @dataclass(frozen=True)

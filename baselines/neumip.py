@@ -13,7 +13,7 @@ are looked up *rounded*, as the file stores them: see `bench.training.stored_tex
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import torch
@@ -24,7 +24,7 @@ from baselines.pyramids import Levels, drawn, fitted_levels, mixed, queries_of, 
 from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
-from bench.inputs.settings import Natural, Positive, Width
+from bench.inputs.settings import IF_SET, Natural, Positive, Width
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.training import Batch, Objective, ParameterGroup, Samples, TextureSettings, gain_of, groups_of, train
@@ -49,6 +49,7 @@ YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0
 # Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
 LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0), "both": (1.0, 1.0, 0.0)}
 PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
+PAPER |= {"weights_start": "pytorch"}
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class PyramidSettings(TextureSettings):
 
     patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
     start: Start = "mixed"  # of finest latents and offsets: components, both; or random, and zeros
+    weights_start: Literal["mean", "pytorch"] = field(default="mean", metadata=IF_SET)  # answer the mean; or as published
     rate: Positive = 1e-2  # highest learning rate
     directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
     channels: Width = 7  # of the pyramid, and of the offset texture
@@ -110,6 +112,15 @@ class Networks(nn.Module):
         """The decoder, as a fit starts with it; its inputs are those of two directions, then the latents."""
         inputs = COUNTS[settings.directions] + settings.channels
         return Decoder(Architecture(inputs, (settings.width,) * len(WIDTHS), settings.outputs), generator)
+
+    @torch.no_grad()
+    def start_as_pytorch(self, generator: torch.Generator) -> None:
+        """Draw all weights and biases anew, as PyTorch draws those of a linear layer: uniform within 1 / √inputs."""
+        for layer in self.modules():
+            if isinstance(layer, nn.Linear):
+                bound = 1 / math.sqrt(layer.in_features)
+                layer.weight.uniform_(-bound, bound, generator=generator)
+                layer.bias.uniform_(-bound, bound, generator=generator)
 
     def start_at(self, level: Tensor) -> None:
         """Set the networks to answer one log radiance (3,) for any latents, with the mask half open."""
@@ -169,7 +180,10 @@ class NeuMIPObjective(Objective):
         self.levels = levels
         self.pyramid = Pyramid(self.samples.shape, len(levels))
         self.networks = self.networks_class(settings, generator)
-        self.networks.start_at(self.samples.mean(generator))
+        if settings.weights_start == "pytorch":
+            self.networks.start_as_pytorch(generator)
+        else:
+            self.networks.start_at(self.samples.mean(generator))
         finest = first_latents(self.samples, settings.channels, settings.start, generator)
         self.table = nn.Parameter(self._levels(finest, generator))
         # Components that separate texels also separate heights; from zeros the offset is found late or never.
@@ -336,6 +350,7 @@ class NeuMIP(Codec):
     name, version = "neumip", 5
     sizes = ("channels",)
     recipes: ClassVar = {"paper": PAPER}
+    recipe_versions: ClassVar = {"paper": 6}
     objective: ClassVar[type[NeuMIPObjective]] = NeuMIPObjective
     material: ClassVar[Callable[..., Material]] = NeuMIPMaterial
 

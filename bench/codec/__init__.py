@@ -306,11 +306,14 @@ def settings_dict(codec: Configured) -> dict[str, Any]:
     """The settings of a codec as plain values, for files and records.
 
     Two kinds are left out at their defaults, so that files and records from before they existed stay the same: settings
-    that are marked with `IF_SET`, and the common ones, which are false by default and true otherwise.
+    that are marked with `IF_SET`, unless the recipe changes them, and the common ones, which are false by default and
+    true otherwise.
     """
     written = dataclasses.asdict(codec.settings)
+    of_recipe = codec.recipes.get(written.get(RECIPE, ""), {})
     for each in dataclasses.fields(codec.settings):
-        if each.metadata == IF_SET and written[each.name] == each.default:
+        at_default = written[each.name] == each.default
+        if each.metadata == IF_SET and at_default and each.name not in of_recipe:
             del written[each.name]
     for name in COMMON:
         if getattr(codec, name):

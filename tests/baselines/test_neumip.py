@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from baselines.neumip import Networks, NeuMIP, NeuMIPMaterial, NeuMIPObjective, Pyramid, blur
 from bench.btf import BTF
-from bench.codec import Fit
+from bench.codec import Fit, settings_dict
 from bench.conformance.check import tiny_btf
 from bench.material import parameters, sample_texture
 from bench.training import Samples, gain_of
@@ -108,6 +108,39 @@ def test_a_file_of_no_level_or_of_too_many_is_refused(levels: int) -> None:
     parts.other["levels"] = torch.tensor([levels], dtype=torch.uint8)
     with pytest.raises(ValueError, match=f"a pyramid of {levels} levels over 8 × 8 texels"):
         codec.decode(parts, torch.device("cpu"))
+
+
+def test_by_the_papers_recipe_weights_start_as_those_of_pytorch() -> None:
+    """PyTorch draws them from its own generator, so they are compared by their spread: uniform within 1 / √inputs."""
+    networks = Networks(NeuMIP(recipe="paper").settings)
+    networks.start_as_pytorch(torch.Generator().manual_seed(0))
+    layers = [layer for layer in networks.modules() if isinstance(layer, torch.nn.Linear)]
+    assert len(layers) == 8  # four of the decoder, four of the offset's network
+    for layer in layers:
+        theirs = torch.nn.Linear(layer.in_features, layer.out_features)
+        bound = layer.in_features**-0.5
+        for ours, pytorchs in ((layer.weight, theirs.weight), (layer.bias, theirs.bias)):
+            assert ours.abs().max() <= bound
+            assert pytorchs.abs().max() <= bound
+            if ours.numel() >= 25:
+                assert ours.abs().max() > 0.8 * bound
+
+
+def test_a_fit_by_the_papers_recipe_starts_its_weights_so() -> None:
+    objectives = {}
+    for start in ("mean", "pytorch"):
+        codec = NeuMIP(recipe="paper", weights_start=start)
+        levels = Samples.levels(tiny_btf(), 1, 1.0, Fit())
+        objectives[start] = NeuMIPObjective(levels, codec.settings, Fit().generator())
+    last = {start: each.networks.decoder.layers[-1].weight for start, each in objectives.items()}
+    assert not last["mean"].any()  # it answers the mean of the data, whatever the input
+    assert last["pytorch"].all()
+
+
+def test_a_setting_that_a_recipe_changes_is_written_at_its_default_too() -> None:
+    assert "weights_start" not in settings_dict(NeuMIP())  # files from before it existed stay the same
+    assert settings_dict(NeuMIP(recipe="paper"))["weights_start"] == "pytorch"
+    assert settings_dict(NeuMIP(recipe="paper", weights_start="mean"))["weights_start"] == "mean"
 
 
 @pytest.mark.parametrize("outputs", [3, 6])
