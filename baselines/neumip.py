@@ -58,7 +58,7 @@ class PyramidSettings(TextureSettings):
 
     patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
     start: Start = "mixed"  # of finest latents and offsets: components, both; or random, and zeros
-    weights_start: Literal["mean", "pytorch"] = field(default="mean", metadata=IF_SET)  # the mean at first; or published
+    weights_start: Literal["mean", "pytorch"] = field(default="mean", metadata=IF_SET)  # a mean first; or as published
     rate: Positive = 1e-2  # highest learning rate
     directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
     channels: Width = 7  # of the pyramid, and of the offset texture
