@@ -8,11 +8,11 @@ texels at one *pair* of view and light directions. A model *of a scene* was fitt
 it again.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from statistics import fmean
-from typing import cast
+from typing import NamedTuple, cast
 
 from bench.codecs.alike import stale
 from bench.compare.choosing import has_validation
@@ -56,35 +56,60 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
 
 def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
     """The tables, with a mark at each row whose numbers the installed version of its codec cannot make again."""
-    reasons: dict[tuple[str, str], str] = {}  # by material and name of codec: why it is stale, in words
+    reasons: dict[tuple[str, _Fitted], str] = {}  # by material and codec: why it is stale, in words
     finished = [job for job in run.jobs if job["status"] == "ok"]
     reason_of_job = stale(finished)
     for job in finished:
         if job["job"] in reason_of_job:
-            reasons[job["material"], job["codec"]] = reason_of_job[job["job"]]
+            fitted = _Fitted(job["codec"], as_published=job.get("settings", {}).get("recipe") == "paper")
+            reasons[job["material"], fitted] = reason_of_job[job["job"]]
     for table in tables:
         if table.kind == "times":  # settings are timed apart from any job: a stale job says nothing of them
             yield table
             continue
-        reason_of_codec = {}
-        for (material, codec), reason in reasons.items():
+        of_table = {}
+        for (material, fitted), reason in reasons.items():
             if table.material in ("", material):  # a table over all materials has the stale rows of each
-                reason_of_codec[codec] = reason
-        yield _with_rows_marked(table, reason_of_codec)
+                of_table[fitted] = reason
+        yield _with_rows_marked(table, of_table)
 
 
-def _with_rows_marked(table: Table, reason_of_codec: dict[str, str]) -> Table:
-    """The table with a mark at the rows of these codecs, and a note that gives the reasons why they are stale.
+class _Fitted(NamedTuple):
+    """A codec by its name, and whether it was fitted by its paper's recipe, which may have a version of its own."""
 
-    `reason_of_codec` maps the name of a codec, without settings, to why it is stale, in words.
+    codec: str
+    as_published: bool
+
+
+def _fitted_in(table: Table, cell: str) -> list[_Fitted]:
+    """What a row of a table may show, by its cell that names the codec.
+
+    That is a label such as "neumip recipe=paper steps=100" or "neumip (our recipe)", or a line such as "neumip" or
+    "neumip, as published". The ablation has the name of the codec alone, whatever the recipe.
     """
+    codec = _codec_in(cell)
+    if table.kind == "ablation":
+        return [_Fitted(codec, as_published=False), _Fitted(codec, as_published=True)]
+    return [_Fitted(codec, as_published="recipe=paper" in cell or "as published" in cell)]
+
+
+def _codec_in(cell: str) -> str:
+    """The name of the codec with which a cell begins."""
+    return cell.partition(" ")[0].rstrip(",")
+
+
+def _with_rows_marked(table: Table, reasons: Mapping[_Fitted, str]) -> Table:
+    """The table with a mark at the rows of these codecs, and a note that gives the reasons why they are stale."""
+    names = [name for name, _ in table.headers]
+    column = names.index("codec") if "codec" in names else 0
     rows = []
     reasons_of_rows: dict[str, str] = {}  # by codec that has a row here
     for row in table.rows:
-        codec = row[0].partition(" ")[0].rstrip(",")  # of a label "codec key=value", or of a line "codec, key=value"
-        if codec in reason_of_codec:
-            row = [row[0] + _STALE, *row[1:]]
-            reasons_of_rows[codec] = reason_of_codec[codec]
+        cell = row[column]
+        found = [reasons[fitted] for fitted in _fitted_in(table, cell) if fitted in reasons]
+        if found:
+            reasons_of_rows[_codec_in(cell)] = found[0]
+            row = [*row[:column], cell + _STALE, *row[column + 1 :]]
         rows.append(row)
     notes = list(table.notes)
     if reasons_of_rows:

@@ -19,5 +19,15 @@ def test_a_row_of_an_older_version_is_marked_in_every_table_and_why_is_said(made
     assert latex_escaped("vq †") in table_text(made.folder, "latex", "main")
 
 
+def test_an_older_version_of_a_recipe_marks_no_row_of_another(made):
+    older = current_versions("neumip", "paper") | {"version": 1}
+    made.job("neumip", fit_key=current_versions("neumip", "ours"), settings={"recipe": "ours"})
+    made.job("neumip recipe=paper", fit_key=older, settings={"recipe": "paper"})
+    tables = [table for table in all_tables(load_run(made.folder)) if table.kind in ("summary", "main", "slices")]
+    assert len(tables) == 3
+    for table in tables:
+        assert {row[0] for row in table.rows} == {"neumip (our recipe)", "neumip recipe=paper †"}
+
+
 def test_no_stale_row_stands_on_the_front_page():
     assert "†" not in (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
