@@ -4,6 +4,10 @@ The material has a closed form, so the truth is known in any arrangement, and no
 channels, views and lights all differ. Answers are projected on the line from the truth T to each wrong arrangement W:
 share = ⟨answers − T, W − T⟩ / ⟨W − T, W − T⟩ is 0 at T and 1 at W. The error of a codec that blurs or omits detail is
 almost orthogonal to that line. A codec that ignores what W changes, such as a mean over all pairs, is half way.
+
+A codec that can represent only a part of the truth may land nearer to W without a mistake. So no arrangement is
+accused by its share alone: the codec is also given the truth with the mistake undone. With the mistake it answers the
+truth then; without it the truth only gets farther away.
 """
 
 import math
@@ -22,12 +26,15 @@ from bench.metrics.display import decode_srgb, encode_srgb
 SHAPE = (8, 12)  # not square, so that height and width are told apart
 WRONG, RIGHT = 0.65, 0.35  # a share above or below these decides; between them the codec does not separate the two
 SAME_SCALE = 1.25  # a mean within this factor is not an error of units
+PROVEN = 0.75  # a mistake is proven where undoing it leaves less than this share of the mean squared error
 PHASES_U, PHASES_V = (0.03, 0.37, 0.66), (0.18, 0.52, 0.86)  # of the three channels
 WAVE = 0.2
 ALBEDO = 0.45
 LIGHT_DEG, VIEW_DEG, LIGHT_TILT, VIEW_TILT = 20.0, 140.0, 0.5, 0.35  # how radiance leans with the directions
 
 Radiance = Callable[[Tensor, Tensor, Tensor], Tensor]  # uv (n, 2), ω_o and ω_i (n, 3) → RGB (n, 3)
+Change = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]  # u and v (n,) → u and v (n,)
+Curve = Callable[[np.ndarray], np.ndarray]
 
 
 def truth(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
@@ -44,64 +51,100 @@ def _part_toward(w: Tensor, phi_deg: float) -> Tensor:
     return w[:, :1] * math.cos(phi) + w[:, 1:2] * math.sin(phi)
 
 
-def material() -> BTF:
-    """The material as a BTF, all views times all lights: the zenith and two rings, which each turn maps to itself."""
+def material(radiance: Radiance = truth) -> BTF:
+    """A material as a BTF, all views times all lights: the zenith and two rings, which each turn maps to itself."""
     rings = [(0.0, 0.0), *((30.0, 90.0 * i) for i in range(4)), *((60.0, 45.0 * i) for i in range(8))]
     directions = np.stack([from_degrees(theta, phi) for theta, phi in rings])
     wo, wi = product(directions, directions)
     uv = texel_centres(*SHAPE)
     pictures = []
     for view, light in zip(torch.from_numpy(wo), torch.from_numpy(wi), strict=True):
-        pictures.append(truth(uv, view.expand(len(uv), 3), light.expand(len(uv), 3)))
+        pictures.append(radiance(uv, view.expand(len(uv), 3), light.expand(len(uv), 3)))
     values = torch.stack(pictures).reshape(-1, *SHAPE, 3).numpy()
     return BTF("frame", wo, wi, ArraySource(values), periodic=True)
 
 
-def _moved(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Radiance:
+@dataclass(frozen=True)
+class Mistake:
+    """A possible mistake of a codec."""
+
+    answers: Radiance  # what a codec with it answers when it is given the truth
+    undone: Radiance  # what a codec with it must be given to answer the truth
+
+
+def _at(change: Change) -> Radiance:
     """The radiance at other places, given by a function of u and v, each (n,)."""
     return lambda uv, wo, wi: truth(torch.stack(change(uv[:, 0], uv[:, 1]), 1), wo, wi)
 
 
-def _reshaped(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
-    """The radiance (n, 3) of the texels of (H, W), row by row, taken for a picture (W, H)."""
-    height, width = SHAPE
-    # (n, 4) each: the numbers of the four texels around each place, row by row, and their shares in bilinear blending.
-    texel, weight = texel_corners((width, height), uv)
-    centres = texel_centres(*SHAPE)[texel]  # (n, 4, 2): where the texels of these numbers lie in the picture (H, W)
-    radiance = torch.zeros(len(uv), 3)
-    for corner in range(4):
-        radiance = radiance + weight[:, corner : corner + 1] * truth(centres[:, corner], wo, wi)
+def _moved(change: Change, back: Change | None = None) -> Mistake:
+    """The picture asked at other places. `back` undoes `change`; None: `change` undoes itself."""
+    return Mistake(_at(change), _at(back or change))
+
+
+def _reshaped(stored: tuple[int, int], read: tuple[int, int]) -> Radiance:
+    """The radiance (n, 3) of the texels of a picture `stored` (H, W), row by row, read as a picture of another shape."""
+
+    def radiance(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+        """The four texels around each place (n, 2) of the picture as it is read, blended."""
+        # (n, 4) each: the numbers of the texels, row by row, and their shares in bilinear blending.
+        texel, weight = texel_corners(read, uv)
+        centres = texel_centres(*stored)[texel]  # (n, 4, 2): where the texels of these numbers lie as stored
+        total = torch.zeros(len(uv), 3)
+        for corner in range(4):
+            total = total + weight[:, corner : corner + 1] * truth(centres[:, corner], wo, wi)
+        return total
+
     return radiance
 
 
-def _channels(order: str) -> Radiance:
-    """The radiance with its channels in another order, like "BGR"."""
+def _channels(order: str) -> Mistake:
+    """The channels in another order, like "BGR"."""
     places = ["RGB".index(channel) for channel in order]
-    return lambda uv, wo, wi: truth(uv, wo, wi)[:, places]
+    back = [order.index(channel) for channel in "RGB"]
+    return Mistake(lambda *queries: truth(*queries)[:, places], lambda *queries: truth(*queries)[:, back])
 
 
-def _turned(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
-    """The radiance with directions turned: their x and y are these whole multiples of the old x and y.
+def _turned(x: tuple[int, int], y: tuple[int, int], sides: str) -> Mistake:
+    """Directions turned: their x and y are these whole multiples of the old x and y.
 
     `sides` is one of `SIDES`: whether ω_o, ω_i, or both are turned.
     """
     # A matrix multiplies a direction from the left; here directions are rows, so its transpose does from the right.
     turn = torch.tensor([[*x, 0], [*y, 0], [0, 0, 1]], dtype=torch.float32).T
 
-    def radiance(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
-        """The radiance (n, 3) of the chosen side or sides turned."""
-        if sides in (BOTH, ONLY_WO):
-            wo = wo @ turn
-        if sides in (BOTH, ONLY_WI):
-            wi = wi @ turn
-        return truth(uv, wo, wi)
+    def radiance_by(turn: Tensor) -> Radiance:
+        """The radiance with the chosen side or sides turned by a matrix (3, 3)."""
+        view_turn = turn if sides in (BOTH, ONLY_WO) else torch.eye(3)
+        light_turn = turn if sides in (BOTH, ONLY_WI) else torch.eye(3)
+        return lambda uv, wo, wi: truth(uv, wo @ view_turn, wi @ light_turn)
 
-    return radiance
+    return Mistake(radiance_by(turn), radiance_by(turn.T))
 
 
-def _curved(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
+def _through(curve: Curve) -> Radiance:
     """The radiance through a curve; values above 1 are not clamped."""
     return lambda uv, wo, wi: torch.from_numpy(curve(truth(uv, wo, wi).numpy()))
+
+
+def _curved(curve: Curve, inverse: Curve) -> Mistake:
+    """Values through a curve, with the curve that undoes it."""
+    return Mistake(_through(curve), _through(inverse))
+
+
+def _swapped(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+    """The radiance (n, 3) of views and lights in each other's place."""
+    return truth(uv, wi, wo)
+
+
+def _without_cosine(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+    """The radiance (n, 3) over the cosine of ω_i."""
+    return truth(uv, wo, wi) / wi[:, 2:]
+
+
+def _cosine_twice(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+    """The radiance (n, 3) times the cosine of ω_i."""
+    return truth(uv, wo, wi) * wi[:, 2:]
 
 
 HALF_U, HALF_V = 0.5 / SHAPE[1], 0.5 / SHAPE[0]  # half a texel
@@ -114,30 +157,36 @@ TURNS = (
     ("φ − 90° for φ", (0, 1), (-1, 0)),
     ("φ counted from +y clockwise", (0, 1), (1, 0)),
 )
-ARRANGEMENTS: dict[str, Radiance] = {  # each possible mistake, with the radiance that a codec with it would answer
+_LEFT, _RIGHT = (lambda u, v: (u + HALF_U, v)), (lambda u, v: (u - HALF_U, v))
+_DOWN, _UP = (lambda u, v: (u, v + HALF_V)), (lambda u, v: (u, v - HALF_V))
+_TO_LEFT, _TO_RIGHT = (lambda u, v: (v, 1 - u)), (lambda u, v: (1 - v, u))
+MISTAKES: dict[str, Mistake] = {  # each possible mistake, by how a codec with it answers
     "with the picture upside down (v grows upwards, row 0 is the top)": _moved(lambda u, v: (u, 1 - v)),
     "with the picture mirrored left to right": _moved(lambda u, v: (1 - u, v)),
     "with the picture turned by 180°": _moved(lambda u, v: (1 - u, 1 - v)),
     "with u and v exchanged": _moved(lambda u, v: (v, u)),
     # Transposed rows and columns: u = col/W, v = 1 − row/H.
     "with the picture transposed, rows for columns": _moved(lambda u, v: (1 - v, 1 - u)),
-    "with rows and columns counted for each other (reshape(W, H) for reshape(H, W))": _reshaped,
-    "with the picture turned by 90° to the left": _moved(lambda u, v: (v, 1 - u)),
-    "with the picture turned by 90° to the right": _moved(lambda u, v: (1 - v, u)),
-    "with the picture moved by half a texel to the left": _moved(lambda u, v: (u + HALF_U, v)),
-    "with the picture moved by half a texel to the right": _moved(lambda u, v: (u - HALF_U, v)),
-    "with the picture moved by half a texel down": _moved(lambda u, v: (u, v + HALF_V)),
-    "with the picture moved by half a texel up": _moved(lambda u, v: (u, v - HALF_V)),
+    "with rows and columns counted for each other (reshape(W, H) for reshape(H, W))": Mistake(
+        _reshaped(SHAPE, SHAPE[::-1]), _reshaped(SHAPE[::-1], SHAPE)
+    ),
+    "with the picture turned by 90° to the left": _moved(_TO_LEFT, _TO_RIGHT),
+    "with the picture turned by 90° to the right": _moved(_TO_RIGHT, _TO_LEFT),
+    "with the picture moved by half a texel to the left": _moved(_LEFT, _RIGHT),
+    "with the picture moved by half a texel to the right": _moved(_RIGHT, _LEFT),
+    "with the picture moved by half a texel down": _moved(_DOWN, _UP),
+    "with the picture moved by half a texel up": _moved(_UP, _DOWN),
     **{f"with the channels in the order {order}": _channels(order) for order in ("BGR", "GRB", "RBG", "GBR", "BRG")},
-    "with ω_o and ω_i exchanged": lambda uv, wo, wi: truth(uv, wi, wo),
+    "with ω_o and ω_i exchanged": Mistake(_swapped, _swapped),
     **{f"with {words} in {sides}": _turned(x, y, sides) for sides in SIDES for words, x, y in TURNS},
-    "as sRGB for linear radiance": _curved(encode_srgb),
-    "with sRGB undone twice": _curved(decode_srgb),
-    "without the cosine of ω_i": lambda uv, wo, wi: truth(uv, wo, wi) / wi[:, 2:],
-    "with the cosine of ω_i twice": lambda uv, wo, wi: truth(uv, wo, wi) * wi[:, 2:],
+    "as sRGB for linear radiance": _curved(encode_srgb, decode_srgb),
+    "with sRGB undone twice": _curved(decode_srgb, encode_srgb),
+    "without the cosine of ω_i": Mistake(_without_cosine, _cosine_twice),
+    "with the cosine of ω_i twice": Mistake(_cosine_twice, _without_cosine),
 }
 # So near the truth that a blur lies toward it, too: its error must be far below that of the truth.
 LOGARITHM = "as log1p(radiance) for radiance (expm1 undoes it)"
+OF_LOGARITHM = _curved(np.log1p, np.expm1)
 # What is wrong, and what to do, where the arrangement's name alone could be taken for advice.
 REMEDIES = {
     "without the cosine of ω_i": "your answers lack the cosine of ω_i: multiply them by wi[:, 2:]",
@@ -172,9 +221,9 @@ class FrameAnswers:
         way = wrong.double() - right
         return float(((self.answers - right) * way).sum() / way.square().sum())
 
-    def error(self, wrong: Tensor) -> float:
-        """The mean squared distance of the answers to an arrangement (n, 3)."""
-        return float((self.answers - wrong).square().mean())
+    def error(self, radiance: Radiance = truth) -> float:
+        """The mean squared distance of the answers to an arrangement."""
+        return float((self.answers - radiance(*self.queries)).square().mean())
 
     @property
     def scale(self) -> float:
@@ -183,28 +232,20 @@ class FrameAnswers:
 
     def shares(self) -> dict[str, float]:
         """`share` of each wrong arrangement, by its description."""
-        return {description: self.share(radiance(*self.queries)) for description, radiance in ARRANGEMENTS.items()}
+        return {description: self.share(mistake.answers(*self.queries)) for description, mistake in MISTAKES.items()}
 
-    def mistake(self) -> str:
-        """Describe the mistake in words; empty if there is none."""
-        likely = []  # pairs: the error of the answers to an arrangement, and its description
-        for description, share in self.shares().items():
-            if share > WRONG:
-                wrong = ARRANGEMENTS[description](*self.queries)
-                likely.append((self.error(wrong), description))
-        right = truth(*self.queries)
-        logarithm = _curved(np.log1p)(*self.queries)
-        error = self.error(logarithm)
-        if error < FAR_BELOW * self.error(right):
-            likely.append((error, LOGARITHM))
+    def suspicions(self) -> list[tuple[str, Mistake]]:
+        """The mistakes that the answers suggest, each with what to say of it, the likeliest first."""
+        found = [(description, MISTAKES[description]) for description, share in self.shares().items() if share > WRONG]
+        if self.error(OF_LOGARITHM.answers) < FAR_BELOW * self.error():
+            found.append((LOGARITHM, OF_LOGARITHM))
         scale = self.scale
-        if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
-            likely.append((self.error(right.double() * scale), f"as {scale:.3g} times the truth"))
-        if not likely:
-            return ""
-        _, nearest = min(likely)  # the description whose error is smallest
-        return REMEDIES.get(nearest, f"your answers fit better {nearest}")
+        if not 1 / SAME_SCALE <= scale <= SAME_SCALE and scale > 0:
+            of_scale = _curved(lambda values: values * scale, lambda values: values / scale)
+            found.append((f"as {scale:.3g} times the truth", of_scale))
+        found.sort(key=lambda each: self.error(each[1].answers))
+        return [(REMEDIES.get(name, f"your answers fit better {name}"), mistake) for name, mistake in found]
 
     def undecided(self) -> list[str]:
         """The arrangements that the answers do not distinguish from the truth."""
-        return [description for description, share in self.shares().items() if RIGHT < share <= WRONG]
+        return [description for description, share in self.shares().items() if share > RIGHT]

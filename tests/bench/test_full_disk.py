@@ -41,7 +41,7 @@ def test_each_command_says_one_line_and_leaves_nothing(tmp_path):
         "slices": ["decode", "a.nbtf", "--like", "btf", "-o", "slices"],
         "d.npz": ["demand", "table-top", "--queries", "500", "-o", "d.npz"],
         "a.json": ["score", "a.nbtf", "btf", "--json", "a.json"],
-        "run/figures": ["report", "run"],
+        "run/tables": ["report", "run"],
         "cache/materials/satin": ["encode", "satin", "--codec", "mean-colour", "-o", "c.nbtf", *SMALL],
     }
     command = [sys.executable, "-c", LIMITED, json.dumps(list(commands.values()))]

@@ -12,6 +12,8 @@ import torch
 from bench import cli, training
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
+from bench.data.readers.folder import write_folder
+from bench.records import load_run
 from bench.runs.suite import load_suite
 from tests.bench.outside import install
 
@@ -80,8 +82,14 @@ def test_a_new_neural_codec_passes_the_test_and_a_killed_fit_of_it_goes_on(tmp_p
     assert 'my-net = "my_net_codec:MyNet"' in (tmp_path / "my-net-codec" / "pyproject.toml").read_text()
     site = install(tmp_path / "site", "mine", {"my-net": "my_net_codec:MyNet"}, {"my_net_codec": text})
     path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
-    done = neubtf_bench(os.environ | {"PYTHONPATH": path, "NEUBTF_CACHE": str(tmp_path / "cache")}, "check", "my-net")
+    environment = os.environ | {"PYTHONPATH": path, "NEUBTF_CACHE": str(tmp_path / "cache")}
+    done = neubtf_bench(environment, "check", "my-net")
     assert done.returncode == 0, done.stdout + done.stderr
+    write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
+    words = ["run", "quick", "--material", tmp_path / "btf", "--codec", "my-net", "--set", "my-net.steps=120"]
+    done = neubtf_bench(environment, *words, "--out", tmp_path / "run")  # the first job of a new folder
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert load_run(tmp_path / "run").jobs[0]["status"] == "ok"
     monkeypatch.syspath_prepend(str(site))
     codec = importlib.import_module("my_net_codec").MyNet(steps=400, batch=64, latents=2, width=8)
 

@@ -43,10 +43,11 @@ def test_a_student_comes_from_arrays_and_a_codec_to_a_table_of_latex(tmp_path, m
             monkeypatch.syspath_prepend(site)
             monkeypatch.setenv("PYTHONPATH", site, prepend=":")
             continue
+        words, place = (words[:-2], words[-1]) if ">" in words else (words, "")
         assert cli.main(words[1:]) == 0, line
         said = capsys.readouterr().out
-        if words[1] == "table":
-            (tmp_path / "summary.tex").write_text(said)
+        if place:
+            (tmp_path / place).write_text(said)
     assert site
     table = (tmp_path / "summary.tex").read_text()
     assert re.search(r"^Ours & ", table, re.M)

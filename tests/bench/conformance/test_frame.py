@@ -6,10 +6,12 @@ from baselines.mean_colour import MeanColour
 from baselines.table import Table
 from baselines.vq import VQ
 from bench.btf import BTF, ArraySource
-from bench.codec import Fit
+from bench.codec import Fit, Parts
 from bench.codecs import container, loading, registry
 from bench.conformance import frame
 from bench.conformance.check import CheckError, CodecUnderTest, framed
+from bench.directions.hemisphere import uniform
+from bench.material import DecoderCost, Material, sample_texture
 from bench.metrics.display import decode_srgb, to_display
 
 
@@ -109,14 +111,14 @@ PLANTED = {
 @pytest.mark.parametrize("says", PLANTED)
 def test_a_wrong_arrangement_is_named(says, tmp_path, monkeypatch):
     monkeypatch.setattr(registry, "load_codec", lambda name, wanted_by="": PLANTED[says])
-    (description,) = [each for each in (*frame.ARRANGEMENTS, frame.LOGARITHM) if says in each] or [says]
+    (description,) = [each for each in (*frame.MISTAKES, frame.LOGARITHM) if says in each] or [says]
     with pytest.raises(CheckError, match=r"^your answers (fit better|lack|have|had|are)") as raised:
         framed(CodecUnderTest(PLANTED[says](), tmp_path))
     assert frame.REMEDIES.get(description, says) in str(raised.value)
 
 
 def test_there_is_a_planted_codec_for_each_arrangement():
-    for description in (*frame.ARRANGEMENTS, frame.LOGARITHM):
+    for description in (*frame.MISTAKES, frame.LOGARITHM):
         assert sum(words in description for words in PLANTED) == 1, description
 
 
@@ -125,6 +127,41 @@ def test_what_a_codec_does_not_tell_apart_is_said_and_no_failure(tmp_path):
     assert "ω_o and ω_i exchanged" in note
     assert "upside down" not in note
     assert framed(CodecUnderTest(Table(), tmp_path / "table")) is None
+
+
+class HalfVector(Table):
+    """Least squares of cos θ_i · (1, Gaussians of the half vector): right, and blind to all but ω_o + ω_i."""
+
+    CENTRES = torch.from_numpy(uniform(np.random.default_rng(0), 12, 60))
+
+    @classmethod
+    def basis(cls, wo, wi):
+        half = torch.nn.functional.normalize(wo + wi, dim=1)
+        lobes = torch.exp(8 * (half @ cls.CENTRES.T - 1))
+        return wi[:, 2:] * torch.cat([torch.ones(len(half), 1), lobes], 1)
+
+    def encode(self, btf, fit):
+        basis = self.basis(torch.from_numpy(btf.wo), torch.from_numpy(btf.wi))
+        values = torch.from_numpy(np.stack(list(btf))).reshape(len(btf), -1)
+        weights = torch.linalg.lstsq(basis, values).solution
+        return Parts(texture={"weights": weights.reshape(-1, *btf.shape, 3).permute(1, 2, 0, 3).contiguous()})
+
+    def decode(self, parts, device):
+        weights = parts.texture["weights"]
+
+        class Answers(Material):
+            def evaluate(self, uv, wo, wi, footprint):
+                at = sample_texture(weights.flatten(2), uv).reshape(len(uv), -1, 3)
+                return (HalfVector.basis(wo, wi)[:, :, None] * at).sum(1)
+
+        return Answers(DecoderCost(texture_channels=weights[0, 0].numel(), texture_floats=weights.numel()))
+
+
+def test_a_codec_of_the_half_vector_alone_has_no_mistake(tmp_path, monkeypatch):
+    monkeypatch.setattr(registry, "load_codec", lambda name, wanted_by="": HalfVector)
+    tested = CodecUnderTest(HalfVector(), tmp_path)
+    assert tested.frame_answers.suspicions()  # its answers alone would accuse it
+    assert "ω_i alone" in framed(tested)
 
 
 @pytest.mark.parametrize("seed", range(5))
