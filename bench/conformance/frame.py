@@ -83,7 +83,7 @@ def _moved(change: Change, back: Change | None = None) -> Mistake:
 
 
 def _reshaped(stored: tuple[int, int], read: tuple[int, int]) -> Radiance:
-    """The radiance (n, 3) of the texels of a picture `stored` (H, W), row by row, read as a picture of another shape."""
+    """The radiance (n, 3) of texels, row by row, of a picture `stored` (H, W) that is `read` in another shape."""
 
     def radiance(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """The four texels around each place (n, 2) of the picture as it is read, blended."""

@@ -37,9 +37,9 @@ class Result:
 def check(codec: Codec, show: Progress = silent) -> Iterator[Result]:
     """Run the checks on a codec and yield each result; any exception of the codec is a failed check.
 
-    The codec encodes and answers; its answers repeat; they follow the material: if one of these stages fails, later ones
-    are not tried, because they would fail for the same reason. The promises to a renderer and the quick extremes of
-    `bench.conformance.stress` do not depend on each other: all of them are tried.
+    The codec encodes and answers; its answers repeat; they follow the material: if one of these stages fails, later
+    ones are not tried, because they would fail for the same reason. The promises to a renderer and the quick extremes
+    of `bench.conformance.stress` do not depend on each other: all of them are tried.
     """
     with suppress(emulated.NoEmulationError):
         emulated.register()
