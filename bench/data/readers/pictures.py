@@ -26,7 +26,7 @@ from bench.btf import Array, Source, finite
 from bench.data.readers import exr, radiance
 from bench.data.readers.colour import Colour, srgb_by_profile, stated_colour
 from bench.data.readers.files import HEAD, Files, FolderFiles
-from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
+from bench.data.readers.orientation import late_orientation, orientation, png_chunks, upright, upright_size
 from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
@@ -120,7 +120,8 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
     8- and 16-bit codes are decoded to [0, 1] as the colour space says that the picture states, or else as sRGB; without
     `is_colour` (data, such as normals) always as sRGB. EXR channels X, Y, Z (and R, G, B with `rgb_is_xyz`) are taken
     as CIE XYZ under D65; primaries that EXR or Radiance states are converted, not without `is_colour`. A JPEG or PNG is
-    turned as its EXIF notes say. Raises `InputError` for unreadable, CMYK or incomplete pictures and values not finite.
+    turned as its EXIF or XMP notes say. Raises `InputError` for unreadable, CMYK or incomplete pictures and values that
+    are not finite.
     """
     header = _header(files, name, is_colour, rgb_is_xyz)
     label = files.label(name)
@@ -135,8 +136,11 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
         elif kind == "hdr":
             picture = radiance.read(files.read(name), label)
         else:
-            stored = _read_codes(files.read(name), kind, header, label)
-            picture = upright(stored, header.orientation)
+            data = files.read(name)
+            if kind == "png" and late_orientation(data) not in (1, header.orientation):
+                fault = "notes behind its pixels say that it is turned, too late to be seen when its size is read"
+                raise InputError(f"{label}: {fault}: save it upright")
+            picture = upright(_read_codes(data, kind, header, label), header.orientation)
         if header.colour and kind in ("exr", "hdr"):
             picture = header.colour.in_rec709(picture)
     if picture.shape != (height, width, 3):
@@ -243,11 +247,12 @@ class PictureSource(Source):
 
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before it.
+    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before the pixels do begin.
 
-    It looks through the segments in order: each begins with 0xFF and its marker. `InputError` for a JPEG that is not
-    read.
+    It looks through the segments in order: each begins with 0xFF and its marker. The camera's notes and the colour
+    space may stand behind the frame header. `InputError` for a JPEG that is not read.
     """
+    size = None
     offset = 2  # after the marker of the start
     # The part of a frame header that is read has 10 bytes: marker 2, length 2, bits 1, height 2, width 2, channels 1.
     while offset + 10 <= len(data):
@@ -260,9 +265,11 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
         # none; all others have a content of stated length, which is passed over.
         if marker == 0xFF:
             offset += 1
-        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:
+            continue
+        if marker == 0x01 or 0xD0 <= marker <= 0xD8:
             offset += 2
-        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            continue
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             # Two bytes of the marker and two of the length come first.
             bits, height, width, channels = struct.unpack_from(">BHHB", data, offset + 4)
             reason = ""
@@ -276,10 +283,11 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
                 )
             if channels not in (1, 3):
                 raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
-            return height, width
-        else:
-            (length,) = struct.unpack_from(">H", data, offset + 2)
-            offset += 2 + max(2, length)  # a damaged length below 2 still moves on
+            size = height, width
+        (length,) = struct.unpack_from(">H", data, offset + 2)
+        offset += 2 + max(2, length)  # a damaged length below 2 still moves on
+        if marker == 0xDA and offset <= len(data):  # the pixels follow
+            return size
     return None
 
 

@@ -1,3 +1,4 @@
+import io
 import struct
 import zlib
 
@@ -87,6 +88,76 @@ def test_notes_behind_bytes_that_fill_up_are_read(tmp_path):
     at = plain.index(b"\xff\xe1")  # the segment of the notes
     (tmp_path / "b.jpg").write_bytes(plain[:at] + b"\xff\xff" + plain[at:])
     np.testing.assert_array_equal(read(tmp_path / "b.jpg"), read(tmp_path / "a.jpg"))
+
+
+XMP = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:Description tiff:Orientation="6"/></x:xmpmeta>'
+
+
+def raw_profile(exif):
+    """The text of ImageMagick for a camera's notes: a name, their length and their hexadecimal digits."""
+    return b"Raw profile type exif\0\nexif\n%8d\n%s\n" % (len(exif), exif.hex().encode())
+
+
+def png_with(name, content, before):
+    def change(data):
+        at = data.index(before) - 4
+        return data[:at] + chunk(name, content) + data[at:]
+
+    return change
+
+
+def jpeg_with(content, before):
+    def change(data):
+        at = data.index(before, 2)
+        return data[:at] + b"\xff\xe1" + struct.pack(">H", len(content) + 2) + content + data[at:]
+
+    return change
+
+
+EXIF = Image.Exif()
+EXIF[0x0112] = 6
+NOTES = EXIF.tobytes()
+PLACES = {
+    "png eXIf": ("PNG", png_with(b"eXIf", NOTES.removeprefix(b"Exif\0\0"), b"IDAT")),
+    "png raw profile": ("PNG", png_with(b"tEXt", raw_profile(NOTES), b"IDAT")),
+    "png XMP": ("PNG", png_with(b"iTXt", b"XML:com.adobe.xmp\0\0\0\0\0" + XMP, b"IDAT")),
+    "jpeg first": ("JPEG", jpeg_with(NOTES, b"\xff\xe0")),
+    "jpeg behind the frame": ("JPEG", jpeg_with(NOTES, b"\xff\xda")),
+    "jpeg far behind the frame": ("JPEG", jpeg_with(NOTES + bytes(9000), b"\xff\xda")),
+    "jpeg XMP": ("JPEG", jpeg_with(b"http://ns.adobe.com/xap/1.0/\0" + XMP, b"\xff\xda")),
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_picture_is_turned_wherever_pillow_turns_it(tmp_path, place):
+    form, change = PLACES[place]
+    stream = io.BytesIO()
+    Image.fromarray(CODES).save(stream, form)
+    (tmp_path / "a").write_bytes(change(stream.getvalue()))
+    with Image.open(tmp_path / "a") as stored:
+        shown = np.asarray(ImageOps.exif_transpose(stored))
+    assert shown.shape == (9, 7, 3) or place == "jpeg XMP"  # which Pillow reads since version 11
+    np.testing.assert_allclose(read(tmp_path / "a"), decode(shown, 255), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        (b"eXIf", NOTES.removeprefix(b"Exif\0\0")),
+        (b"tEXt", raw_profile(NOTES)),
+        (b"iTXt", b"XML:com.adobe.xmp\0\0\0\0\0" + XMP),
+    ],
+)
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_png_whose_orientation_stands_behind_its_pixels_is_refused(tmp_path, name, content, bits):
+    with open(tmp_path / "a.png", "wb") as stream:
+        png.Writer(9, 7, bitdepth=bits, greyscale=False).write(stream, CODES.reshape(7, -1))
+    plain = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(png_with(name, content, b"IEND")(plain))
+    with pytest.raises(InputError, match=r"a\.png: notes behind its pixels .*: save it upright"):
+        read(tmp_path / "a.png")
+    (tmp_path / "a.png").write_bytes(png_with(b"tEXt", b"Software\0x", b"IEND")(plain))
+    assert read(tmp_path / "a.png").shape == (7, 9, 3)
 
 
 def with_notes(content, payload):
