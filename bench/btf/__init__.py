@@ -59,6 +59,21 @@ def finite(values: Array, label: str) -> Array:
     )
 
 
+def in_float32(values: Array, label: str) -> Array:
+    """Values of any float type in float32; `InputError` where some are finite, but too large for it."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        converted = np.asarray(values, np.float32)
+    if values.dtype.itemsize > 4:  # of a type that holds larger numbers
+        too_large = np.isinf(converted) & np.isfinite(values)
+        if too_large.any():
+            largest = float(np.abs(values[too_large]).max())
+            fault = (
+                f"{np.count_nonzero(too_large)} of {values.size} values are beyond float32, the largest {largest:.3g}"
+            )
+            raise InputError(f"{label}: {fault}: multiply all by {1 / largest:.0e} in float64")
+    return converted
+
+
 class Source:
     """Where the values of a BTF come from.
 
@@ -121,22 +136,26 @@ class Source:
 class ArraySource(Source):
     """Values held in one array (count, H, W, 3), in memory or memory-mapped, of any float type."""
 
-    def __init__(self, values: Array):
-        """Values (pairs, H, W, 3), linear radiance of any float type; other shapes raise `ValueError`."""
+    def __init__(self, values: Array, label: str = "radiance"):
+        """Values (pairs, H, W, 3), linear radiance of any float type; other shapes raise `ValueError`.
+
+        `label` names them in errors.
+        """
         if values.ndim != 4 or values.shape[-1] != 3:
             raise ValueError(f"values must be (pairs, H, W, 3), not {values.shape}")
         self.values = values
+        self.label = label
         self.count = len(values)
         self.shape = (values.shape[1], values.shape[2])
 
     def slice(self, pair: int) -> Array:
-        return np.asarray(self.values[pair], np.float32)
+        return in_float32(self.values[pair], f"{self.label}[{pair}]")
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
-        return np.asarray(self.values[pairs[None, :], rows[:, None], cols[:, None]], np.float32)
+        return in_float32(self.values[pairs[None, :], rows[:, None], cols[:, None]], f"{self.label} at texels")
 
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
-        return np.asarray(self.values[pair, row, col], np.float32)
+        return in_float32(self.values[pair, row, col], f"{self.label} at samples")
 
     def fingerprint(self) -> str:
         """A hash of shape, type and all values."""

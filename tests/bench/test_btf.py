@@ -5,6 +5,7 @@ import pytest
 
 from bench.btf import BTF, ArraySource, Layout, Source
 from bench.directions.hemisphere import from_degrees, thin, ubo2003
+from bench.inputs.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("brief")
 
@@ -46,6 +47,18 @@ def test_slices_texels_and_scattered_values_are_the_same_table(source, together,
     np.testing.assert_allclose(btf.gather(*places), values[places], rtol=tolerance)
     with pytest.raises(ValueError, match="wo and wi"):
         BTF("short", btf.wo[:-1], btf.wi[:-1], btf.source)
+
+
+@pytest.mark.parametrize("value", [1e300, -1e40])
+def test_finite_values_beyond_float32_are_refused_as_such_however_they_are_read(value):
+    values = np.ones((25, 2, 2, 3))
+    values[3, 1, 0, 2] = value
+    source = ArraySource(values)
+    one = np.array([3]), np.array([1]), np.array([0])
+    for read in (lambda: source.slice(3), lambda: source.texels(one[1], one[2], one[0]), lambda: source.gather(*one)):
+        with pytest.raises(InputError, match=r"1 of \d+ values are beyond float32"):
+            read()
+    assert np.array_equal(source.slice(2), np.ones((2, 2, 3), np.float32))
 
 
 def test_a_subset_reads_only_its_own_pairs():
