@@ -428,12 +428,16 @@ class BTF:
         # Masks (N,) of the pairs whose view, or whose light, is held out.
         new_view = _heldout_directions(rng, len(self.layout.views), fraction)[self.layout.view]
         new_light = _heldout_directions(rng, len(self.layout.lights), fraction)[self.layout.light]
+        trained = ~new_view & ~new_light
+        # Of scattered pairs a held-out view takes its light with it, which is then new, too.
+        new_view = ~np.isin(self.layout.view, self.layout.view[trained])
+        new_light = ~np.isin(self.layout.light, self.layout.light[trained])
         groups = {
             "new view": everything[new_view & ~new_light],
             "new light": everything[~new_view & new_light],
             "both new": everything[new_view & new_light],
         }
-        train = everything[~new_view & ~new_light & ~chosen_by]
+        train = everything[trained & ~chosen_by]
         heldout = {name: pairs for name, pairs in groups.items() if len(pairs)}
         return Split(train, heldout, everything[chosen_by])
 

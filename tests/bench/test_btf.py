@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.btf import BTF, ArraySource, Layout, Source
-from bench.directions.hemisphere import from_degrees, thin, ubo2003
+from bench.directions.hemisphere import from_degrees, thin, ubo2003, uniform
 from bench.inputs.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("brief")
@@ -160,6 +160,14 @@ def test_a_drawn_split_is_disjoint_complete_and_keeps_the_product(seed):
     assert not any(tuple(btf.wo[i]) in views for i in split.heldout["new view"])
     assert not any(tuple(btf.wi[i]) in lights for i in split.heldout["new light"])
     assert not any(tuple(btf.wo[i]) in views or tuple(btf.wi[i]) in lights for i in split.heldout["both new"])
+
+
+def test_held_out_pairs_of_scattered_directions_are_new_on_both_sides():
+    rng = np.random.default_rng(0)
+    btf = BTF("x", uniform(rng, 80), uniform(rng, 80), ArraySource(np.ones((80, 1, 1, 3), np.float32)))
+    split = btf.split()
+    assert set(split.heldout) == {"both new"}
+    np.testing.assert_array_equal(np.sort(np.concatenate([split.train, split.heldout["both new"]])), np.arange(80))
 
 
 def test_a_declared_split_is_kept():

@@ -213,6 +213,22 @@ def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
     return f"radiance is {shape} {dtype}: it must be (N, H, W, 3) floats{remedy}"
 
 
+def codes(values: Array) -> str:
+    """A sentence on radiance (any shape) that is plainly 8-bit codes, for a warning; "" if it is not.
+
+    Codes are whole numbers up to 255, or these over 255. Linear values decoded from sRGB do not lie on either grid.
+    """
+    top = float(values.max())
+    scale = 255.0 if top <= 1 else 1.0
+    in_codes = values.astype(np.float64) * scale
+    is_on_grid = np.abs(in_codes - np.round(in_codes)).max() < 1e-3
+    if not is_on_grid or top * scale > 255 or len(np.unique(np.round(in_codes))) < 16:
+        return ""
+    if scale == 1:
+        return "every value is a whole number up to 255, as codes are: divide by 255, and convert sRGB to linear"
+    return "every value is a whole number of 255ths, as sRGB codes are: convert sRGB to linear"
+
+
 def negative(values: Array) -> str:
     """A sentence on radiance (any shape) below 0, for a warning; "" if there is none, or only noise."""
     least = float(values.min())
