@@ -193,7 +193,11 @@ class PictureSource(Source):
         first_labels: dict[str, str] = {}  # name → label of the first entry that lists the picture
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
-                raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
+                remedy = "add the picture or leave the entry out"
+                others = [other for other in files.beside(name) if other.lower() == name.lower()]
+                if others:
+                    remedy = f"{others[0]} differs in letter case: give both one name"
+                raise InputError(f"{label}: {name} is missing: {remedy}")
             # The pairs are known to differ, so one picture cannot be of two of them.
             first_label = first_labels.setdefault(name, label)  # this one, if no earlier entry lists the picture
             if first_label != label:
