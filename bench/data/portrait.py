@@ -173,9 +173,10 @@ class Look:
             fault = "the azimuths of the views or of the lights seem to be mirrored"
             warnings.append(f"the mean lobe follows {shares}: {fault}")
         if self.half_vectors and self.half_vectors.likely != "as given":
-            shares = self.half_vectors.shares
-            by_other, by_given = f"{shares[self.half_vectors.likely]:.0%}", f"{shares['as given']:.0%}"
-            fault = f"explain {by_other} of the brightness with {self.half_vectors.likely}, and {by_given} as given"
+            explained = self.half_vectors.shares
+            frame = self.half_vectors.likely
+            by_other, by_given = f"{explained[frame]:.0%}", f"{explained['as given']:.0%}"
+            fault = f"explain {by_other} of the brightness with {frame}, and {by_given} as given"
             warnings.append(f"half vectors {fault}: the azimuths of the views or of the lights seem to be mirrored")
         for (to_mean, to_largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
             # A picture may have lines inside that differ as much as those at the border: that is no seam.

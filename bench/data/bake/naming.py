@@ -144,7 +144,7 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
         else:
             by_name.setdefault(role, []).append(name)
     # 3. One file for each role.
-    if {"metalness", "packed", "metallic_smoothness"} & set(by_name | by_user):
+    if {"metalness", "packed", "metallic_smoothness"} & {*by_name, *by_user}:
         unused |= _leave(by_name, "albedo", _is_base_colour, "the base colour is taken, because there is metalness")
     files_in_folder = FolderFiles(folder)
     for role in by_name:

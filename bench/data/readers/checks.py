@@ -138,7 +138,7 @@ def in_degrees(theta: Array, phi: Array, label: str, angles: str) -> tuple[Array
         if _seem_radians(theta, phi):
             fault = "every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians"
             raise InputError(f"{label}: {fault}: say which they are by --radians or --degrees (data.angles)")
-        columns = {}
+        columns: dict[str, Array] = {}
         suffixes = ("_o", "_i") if theta.ndim == 2 else ("",)
         for place, suffix in enumerate(suffixes):
             columns[f"theta{suffix}"] = theta.reshape(len(theta), -1)[:, place]
@@ -153,7 +153,7 @@ def warn_of_radians(wo: Array, wi: Array, label: str) -> None:
         fault = "every theta is below 1.6 degrees and every phi below 6.3, as if from radians taken for degrees"
         log.warning("%s: %s: multiply the angles by 180 / pi before you make vectors of them", label, fault)
         return
-    columns = {}
+    columns: dict[str, Array] = {}
     for side, directions in (("o", wo), ("i", wi)):
         theta, phi = to_degrees(directions)
         columns |= {f"theta_{side}": theta, f"phi_{side}": phi[theta > 0.1]}  # φ means nothing at the normal

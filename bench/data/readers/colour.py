@@ -118,7 +118,7 @@ def _by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
     for field in ("colorInteropID", "chromaticities", "oiio:ColorSpace"):
         if field not in attributes:
             continue
-        words = field
+        words: str = field
         if field != "chromaticities":
             space = attributes[field].rstrip(b"\0").decode("utf-8", "replace")
             words = f"{field} {space[:60]}"
@@ -154,7 +154,7 @@ def _by_radiance(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
     if header is None:
         return None, []
     used = []
-    chromaticities = REC709
+    chromaticities: tuple[float, ...] = REC709
     if header.primaries:
         _refuse_flat(header.primaries, label, "PRIMARIES")
         if not _alike(header.primaries, REC709):

@@ -102,7 +102,8 @@ def _header(files: Files, name: str, is_colour: bool = True, rgb_is_xyz: bool = 
         raise InputError(f"{label}: {fault}: get it again")
     with readable(label, "the picture is damaged; get it again"):
         turn = orientation(data, kind)
-        colour, ignored = None, []
+        colour: Colour | None = None
+        ignored: list[str] = []
         if is_colour and not (rgb_is_xyz and kind == "exr"):
             colour, ignored = stated_colour(data, kind, label)
         has_16_bits = kind == "png" and data[PNG_BITS] == 16

@@ -121,7 +121,7 @@ def read(data: bytes, label: str) -> Array:
     scale = np.ldexp(np.float32(1 / stated.exposure), exponents.astype(np.int32) - 136)
     with np.errstate(over="ignore"):  # beyond float32 it is infinite, which a BTF refuses when it is read
         picture = rgbe[..., :3] * scale[..., None]
-        picture /= np.float32(stated.correction)
+        picture /= np.asarray(stated.correction, np.float32)
     picture[exponents == 0] = 0  # black, whatever m is
     # Upright, rows go down (-Y) and columns to the right (+X).
     backward = [axis for axis, name in enumerate(stated.axes) if name in ("-X", "+Y")]
