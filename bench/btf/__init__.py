@@ -59,6 +59,21 @@ def finite(values: Array, label: str) -> Array:
     )
 
 
+def in_float32(values: Array, label: str) -> Array:
+    """Values of any float type in float32; `InputError` where some are finite, but too large for it."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        converted = np.asarray(values, np.float32)
+    if values.dtype.itemsize > 4:  # of a type that holds larger numbers
+        too_large = np.isinf(converted) & np.isfinite(values)
+        if too_large.any():
+            largest = float(np.abs(values[too_large]).max())
+            fault = (
+                f"{np.count_nonzero(too_large)} of {values.size} values are beyond float32, the largest {largest:.3g}"
+            )
+            raise InputError(f"{label}: {fault}: multiply all by {1 / largest:.0e} in float64")
+    return converted
+
+
 class Source:
     """Where the values of a BTF come from.
 
@@ -121,22 +136,26 @@ class Source:
 class ArraySource(Source):
     """Values held in one array (count, H, W, 3), in memory or memory-mapped, of any float type."""
 
-    def __init__(self, values: Array):
-        """Values (pairs, H, W, 3), linear radiance of any float type; other shapes raise `ValueError`."""
+    def __init__(self, values: Array, label: str = "radiance"):
+        """Values (pairs, H, W, 3), linear radiance of any float type; other shapes raise `ValueError`.
+
+        `label` names them in errors.
+        """
         if values.ndim != 4 or values.shape[-1] != 3:
             raise ValueError(f"values must be (pairs, H, W, 3), not {values.shape}")
         self.values = values
+        self.label = label
         self.count = len(values)
         self.shape = (values.shape[1], values.shape[2])
 
     def slice(self, pair: int) -> Array:
-        return np.asarray(self.values[pair], np.float32)
+        return in_float32(self.values[pair], f"{self.label}[{pair}]")
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
-        return np.asarray(self.values[pairs[None, :], rows[:, None], cols[:, None]], np.float32)
+        return in_float32(self.values[pairs[None, :], rows[:, None], cols[:, None]], f"{self.label} at texels")
 
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
-        return np.asarray(self.values[pair, row, col], np.float32)
+        return in_float32(self.values[pair, row, col], f"{self.label} at samples")
 
     def fingerprint(self) -> str:
         """A hash of shape, type and all values."""
@@ -409,12 +428,16 @@ class BTF:
         # Masks (N,) of the pairs whose view, or whose light, is held out.
         new_view = _heldout_directions(rng, len(self.layout.views), fraction)[self.layout.view]
         new_light = _heldout_directions(rng, len(self.layout.lights), fraction)[self.layout.light]
+        trained = ~new_view & ~new_light
+        # Of scattered pairs a held-out view takes its light with it, which is then new, too.
+        new_view = ~np.isin(self.layout.view, self.layout.view[trained])
+        new_light = ~np.isin(self.layout.light, self.layout.light[trained])
         groups = {
             "new view": everything[new_view & ~new_light],
             "new light": everything[~new_view & new_light],
             "both new": everything[new_view & new_light],
         }
-        train = everything[~new_view & ~new_light & ~chosen_by]
+        train = everything[trained & ~chosen_by]
         heldout = {name: pairs for name, pairs in groups.items() if len(pairs)}
         return Split(train, heldout, everything[chosen_by])
 

@@ -4,6 +4,7 @@ It holds halves, or float32 where halves lose more than their rounding: beyond t
 """
 
 import logging
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -55,12 +56,21 @@ def _write_copy(
     together = max(1, min(TOGETHER, count, BLOCK // (3 * texels * np.dtype(dtype).itemsize)))
     starts = range(0, count, together)
     block: Array = np.zeros((texels, together, 3), dtype)
-    log.warning("writing a scratch file of %.1f MB for scattered reads: %s", block.nbytes * len(starts) / 1e6, path)
+    before = time.perf_counter()
+    first_picture = read(0)
+    minutes = (time.perf_counter() - before) * count / 60  # at the pace of the first slice
+    log.warning(
+        "writing a scratch file of %.1f MB for scattered reads, about %.0f minutes and %.1f MB of memory: %s",
+        block.nbytes * len(starts) / 1e6,
+        np.ceil(minutes),
+        block.nbytes / 1e6,
+        path,
+    )
     out = atomic.mapped(partial, dtype, (len(starts), *block.shape))
     too_dim = 0  # values so far that are too small for halves
     for number, start in enumerate(starts):
         for place in range(min(together, count - start)):
-            picture = read(start + place)
+            picture = read(start + place) if start + place else first_picture
             if dtype is np.float16:
                 size = np.abs(picture)
                 too_dim += int(((size > 0) & (size < LEAST)).sum())

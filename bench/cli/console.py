@@ -178,8 +178,11 @@ def btf_lines(portrait: "Look") -> str:
         lines.append(f"{title}: {_pairs_line(btf, pairs)}")
     if not split.heldout:
         lines.append("held out: no pairs")
-    low, middle, high = np.percentile(values, [0, 50, 100])
-    lines.append(f"values (of some slices): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}")
+    low, high = portrait.extremes
+    of_which = "of all slices"
+    if portrait.read < len(btf):
+        of_which = f"of {portrait.read:,} of {len(btf):,} slices; others may hold more, or NaN"
+    lines.append(f"values ({of_which}): minimum {low:.4g}, median {np.median(values):.4g}, maximum {high:.4g}")
     lines += _frame_lines(portrait)
     lines.append(f"fingerprint: {btf.fingerprint}")
     lines += [f"  {key}: {value}" for key, value in btf.provenance.items()]
@@ -196,6 +199,9 @@ def _frame_lines(portrait: "Look") -> list[str]:
     """
     if len(portrait.layout.views) < 2:
         return ["one view: a codec's answers from other views are not measured"]
+    if portrait.half_vectors:
+        shares = [f"{share:.0%} {frame}" for frame, share in portrait.half_vectors.shares.items()]
+        return [f"frame: half vectors of {portrait.half_vectors.count} pairs explain {', '.join(shares)}"]
     if not portrait.lobe:
         return ["frame: not checked: views and lights share no ring of azimuths with all pairs, or all is dark there"]
     lobe = portrait.lobe

@@ -1,9 +1,10 @@
 """Inspects a BTF before it is used: warns of likely faults, and draws an overview as a PNG.
 
-It reads at most about 108 slices, so a table of 22 GB takes seconds:
+It reads at most about 150 slices, so a table of 22 GB takes seconds; of a small BTF it reads all for the extremes:
 
 - the lights at the view nearest the normal, and the views at the light nearest the normal: how brightness falls;
 - a *contact sheet*: small pictures of evenly spread views × lights, for the overview;
+- without a ring, pairs spread over the list, for the exponents and the half vectors (`bench.data.half_vectors`);
 - a *ring*: views and lights of one θ, spread around the normal, for the *mean lobe*, which is how the mean of a slice
   depends on both azimuths. It tells whether the azimuths of views and of lights turn the same way: the answers of an
   isotropic surface depend on φ_i − φ_o, but on φ_i + φ_o if one of the two was measured clockwise and the other
@@ -19,13 +20,16 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array, Layout, box_filter
+from bench.data.half_vectors import LEAST_PAIRS, HalfVectors, half_vectors
 from bench.data.materials import maps
-from bench.data.readers.checks import negative
+from bench.data.readers.checks import codes, negative
 from bench.directions.hemisphere import thin, to_degrees
 from bench.files.atomic import replacing
 from bench.inputs.errors import visible, writable
 from bench.metrics.display import exposure_of, to_display
 
+SCATTERED = 96  # pairs for the half vectors
+SMALL = 1 << 26  # values of a BTF of which all slices are read
 LIGHTS = 24  # the most slices of the view nearest the normal; as many of the light nearest it
 SHEET = (4, 6)  # views × lights of the contact sheet
 STEEP = 0.45  # least cos θ of the sheet's directions if possible, about 63°: beyond, highlights outshine all else
@@ -75,6 +79,9 @@ class Look:
     # neighbours inside, and by that of the two neighbouring columns, or rows, inside that differ most.
     seams: list[tuple[float, float]]
     lobe: MeanLobe | None  # checks the azimuths; None if it cannot be found
+    half_vectors: HalfVectors | None  # checks them instead of the lobe
+    extremes: tuple[float, float]  # the least and the largest value of all slices that were read
+    read: int  # how many slices these are
 
     @cached_property
     def layout(self) -> Layout:
@@ -127,13 +134,16 @@ class Look:
         if self.power is None:
             return ""
         falls = f"brightness falls as cos(theta_i) to the power of {self.power:.2f}"
+        if self.power < -FLAT and (self.power_o is None or self.power_o < SWAPPED):
+            return f"{falls}, so it rises toward the horizon: theta seems to be measured from there: give 90 - theta"
         if self.power_o is None:  # one power alone does not tell the two causes apart
             if self.power >= FLAT:
                 return ""
             causes = "the light's cosine seems to be missing, or views and lights are swapped"
             return f"{falls}: {causes}: look which before you multiply"
         falls += f", and as cos(theta_o) to the power of {self.power_o:.2f}"
-        if self.power_o - self.power > SWAPPED:
+        # Where they are swapped the view's power is the one near 1 or above.
+        if self.power_o > SWAPPED and self.power_o - self.power > SWAPPED:
             return f"{falls}: views and lights seem to be swapped: exchange omega_o and omega_i"
         if self.power < FLAT:
             return f"{falls}: the light's cosine seems to be missing"
@@ -148,6 +158,9 @@ class Look:
         if self.clipped >= CLIPPED:
             place = f"exactly at the maximum, {self.values.max():.4g}"
             warnings.append(f"{self.clipped:.2%} of the values lie {place}: highlights are clipped")
+        codes_fault = codes(self.values)
+        if codes_fault:
+            warnings.append(codes_fault)
         negative_fault = negative(self.values)
         if negative_fault:
             warnings.append(negative_fault)
@@ -159,6 +172,12 @@ class Look:
             shares = f"phi_i + phi_o ({by_sum}), not phi_i - phi_o ({by_difference})"
             fault = "the azimuths of the views or of the lights seem to be mirrored"
             warnings.append(f"the mean lobe follows {shares}: {fault}")
+        if self.half_vectors and self.half_vectors.likely != "as given":
+            explained = self.half_vectors.shares
+            frame = self.half_vectors.likely
+            by_other, by_given = f"{explained[frame]:.0%}", f"{explained['as given']:.0%}"
+            fault = f"explain {by_other} of the brightness with {frame}, and {by_given} as given"
+            warnings.append(f"half vectors {fault}: the azimuths of the views or of the lights seem to be mirrored")
         for (to_mean, to_largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
             # A picture may have lines inside that differ as much as those at the border: that is no seam.
             if to_mean >= SEAM and to_largest >= 1:
@@ -168,26 +187,36 @@ class Look:
 
 
 def look(btf: BTF) -> Look:
-    """The findings from at most about 108 slices of a BTF, which are read one at a time."""
-    # 1. The pairs to read: of one view, of one light, and of the contact sheet.
+    """The findings from at most about 150 slices of a BTF, which are read one at a time, and the extremes of all where
+    it is small."""
+    lobe = mean_lobe(btf)
+    # 1. The pairs to read: of one view, of one light, of the contact sheet, and spread ones where no ring was found.
     of_one_view = _pairs_nearest_normal(btf.layout.view, btf.wo, btf.wi)
     of_one_light = _pairs_nearest_normal(btf.layout.light, btf.wi, btf.wo)
     sheet = _sheet(btf)
+    scattered: list[int] = []
+    if lobe is None and len(btf.layout.views) > 1:
+        scattered = _spread_pairs(_not_held_out(btf), SCATTERED)
     # 2. What is kept of each slice.
     values = []
     thumbs = {}  # pair → shrunk picture
     medians = {}  # pair → median brightness
+    means = {}  # pair → mean brightness
+    lows, highs = [], []  # of each slice
     seams = []
     texel_count = btf.shape[0] * btf.shape[1]
     if texel_count > TEXELS:
         texel_indices = np.random.default_rng(0).integers(0, texel_count, TEXELS)
     else:
         texel_indices = np.arange(texel_count)
-    for pair in dict.fromkeys([*sheet, *of_one_view, *of_one_light]):  # each pair once, in this order
+    for pair in dict.fromkeys([*sheet, *of_one_view, *of_one_light, *scattered]):  # each pair once, in this order
         picture = btf[pair]
         texels = picture.reshape(-1, 3)
         values.append(texels[texel_indices])
         medians[pair] = float(np.median(texels.mean(1)))
+        means[pair] = float(texels.mean(dtype=np.float64))
+        lows.append(float(texels.min()))
+        highs.append(float(texels.max()))
         seams.append(maps.seams(picture))
         if pair in sheet:
             size = picture.shape[:2]
@@ -196,12 +225,36 @@ def look(btf: BTF) -> Look:
     # 3. What the slices say together. The z of a direction is the cosine of its θ.
     power = _power(btf.wi[of_one_view, 2], np.array([medians[pair] for pair in of_one_view]))
     power_o = _power(btf.wo[of_one_light, 2], np.array([medians[pair] for pair in of_one_light]))
+    halves = None
+    if scattered:
+        wo, wi = btf.wo[scattered], btf.wi[scattered]
+        halves = half_vectors(wo, wi, np.array([means[pair] for pair in scattered]))
+        if power is None and power_o is None:
+            power, power_o = _powers(wo[:, 2], wi[:, 2], np.array([medians[pair] for pair in scattered]))
+    if texel_count * 3 * len(btf) <= SMALL:
+        for pair in range(len(btf)):
+            if pair not in medians:
+                picture = btf[pair]
+                lows.append(float(picture.min()))
+                highs.append(float(picture.max()))
     seam_ratios = []
     # The means over slices, for both borders; 1e-12 avoids a division by 0 in flat pictures.
     for across, inside, largest in np.mean(seams, 0):
         seam_ratios.append((float(across / max(inside, 1e-12)), float(across / max(largest, 1e-12))))
     sheet_thumbs = [thumbs[pair] for pair in sheet]
-    return Look(btf, sheet, sheet_thumbs, np.stack(values), power, power_o, seam_ratios, mean_lobe(btf))
+    return Look(
+        btf,
+        sheet,
+        sheet_thumbs,
+        np.stack(values),
+        power,
+        power_o,
+        seam_ratios,
+        lobe,
+        halves,
+        (min(lows), max(highs)),
+        len(lows),
+    )
 
 
 def _pairs_nearest_normal(index: Array, side: Array, other: Array) -> list[int]:
@@ -227,6 +280,23 @@ def _power(cos: Array, medians: Array) -> float | None:
     return float(slope)
 
 
+def _powers(cos_o: Array, cos_i: Array, medians: Array) -> tuple[float | None, float | None]:
+    """The powers of cos θ_i and of cos θ_o (n,) with which the medians (n,) of slices at scattered pairs fall; None for
+    both of few slices or too similar angles."""
+    lit = medians > 0
+    if lit.sum() < LEAST_PAIRS or min(np.ptp(cos_o[lit]), np.ptp(cos_i[lit])) < 0.2:
+        return None, None
+    matrix = np.stack([np.log(cos_i[lit]), np.log(cos_o[lit]), np.ones(lit.sum())], -1)
+    (power, power_o, _), *_ = np.linalg.lstsq(matrix, np.log(medians[lit]), rcond=None)
+    return float(power), float(power_o)
+
+
+def _spread_pairs(pairs: Array, count: int) -> list[int]:
+    """At most `count` of some pairs, spread over their list."""
+    places = np.unique(np.linspace(0, len(pairs) - 1, count).astype(int))
+    return [int(pair) for pair in pairs[places]]
+
+
 def _sheet(btf: BTF) -> list[int]:
     """Pairs of the contact sheet: evenly spread views × lights of the training pairs, or if these are no product, pairs
     spread over their list."""
@@ -234,8 +304,7 @@ def _sheet(btf: BTF) -> list[int]:
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
     count = SHEET[0] * SHEET[1]
     if layout.grid is None:  # not every view goes with every light
-        spread = np.unique(np.linspace(0, len(pairs) - 1, count).astype(int))
-        return [int(pair) for pair in pairs[spread]]
+        return _spread_pairs(pairs, count)
     views = _spread_directions(layout.views, max(SHEET[0], count // len(layout.lights)))  # more if lights are few
     lights = _spread_directions(layout.lights, count // len(views))
     places = layout.grid[np.ix_(views, lights)].reshape(-1)

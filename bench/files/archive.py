@@ -71,6 +71,10 @@ class ZipFiles:
         """Whether the archive has this entry."""
         return name in self.entries
 
+    def beside(self, name: str) -> list[str]:
+        """The names of all entries."""
+        return list(self.entries)
+
     def size(self, name: str) -> int:
         """Bytes of the entry once inflated, as declared."""
         return self.entries[name].file_size

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from bench.btf import BTF, ArraySource, Layout, Source
-from bench.directions.hemisphere import from_degrees, thin, ubo2003
+from bench.directions.hemisphere import from_degrees, thin, ubo2003, uniform
+from bench.inputs.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("brief")
 
@@ -48,6 +49,18 @@ def test_slices_texels_and_scattered_values_are_the_same_table(source, together,
         BTF("short", btf.wo[:-1], btf.wi[:-1], btf.source)
 
 
+@pytest.mark.parametrize("value", [1e300, -1e40])
+def test_finite_values_beyond_float32_are_refused_as_such_however_they_are_read(value):
+    values = np.ones((25, 2, 2, 3))
+    values[3, 1, 0, 2] = value
+    source = ArraySource(values)
+    one = np.array([3]), np.array([1]), np.array([0])
+    for read in (lambda: source.slice(3), lambda: source.texels(one[1], one[2], one[0]), lambda: source.gather(*one)):
+        with pytest.raises(InputError, match=r"1 of \d+ values are beyond float32"):
+            read()
+    assert np.array_equal(source.slice(2), np.ones((2, 2, 3), np.float32))
+
+
 def test_a_subset_reads_only_its_own_pairs():
     btf, values = product()
     some = btf.subset([3, 20]).subset([1])
@@ -63,6 +76,10 @@ def test_scattered_reads_of_slices_make_one_scratch_file(caplog):
     btf.texels([0], [0])
     assert btf.source.reads == len(btf)
     assert caplog.text.count("scratch file") == 1
+    (announced,) = [record for record in caplog.records if "scratch file" in record.getMessage()]
+    megabytes, minutes, memory, _ = announced.args
+    assert 0 < memory <= megabytes
+    assert minutes >= 1  # rounded up, so that no pace of this machine matters
     again, _ = product(source=Slices)
     again.gather([0], [0], [0])
     assert again.source.reads == 0
@@ -147,6 +164,14 @@ def test_a_drawn_split_is_disjoint_complete_and_keeps_the_product(seed):
     assert not any(tuple(btf.wo[i]) in views for i in split.heldout["new view"])
     assert not any(tuple(btf.wi[i]) in lights for i in split.heldout["new light"])
     assert not any(tuple(btf.wo[i]) in views or tuple(btf.wi[i]) in lights for i in split.heldout["both new"])
+
+
+def test_held_out_pairs_of_scattered_directions_are_new_on_both_sides():
+    rng = np.random.default_rng(0)
+    btf = BTF("x", uniform(rng, 80), uniform(rng, 80), ArraySource(np.ones((80, 1, 1, 3), np.float32)))
+    split = btf.split()
+    assert set(split.heldout) == {"both new"}
+    np.testing.assert_array_equal(np.sort(np.concatenate([split.train, split.heldout["both new"]])), np.arange(80))
 
 
 def test_a_declared_split_is_kept():

@@ -8,9 +8,13 @@ in `T_Rock_N`.
 
 import os
 import re
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.data.readers.files import FolderFiles
+from bench.data.readers.pictures import SUPPORTED, picture_format
 from bench.inputs.errors import InputError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tif", ".tiff", ".tga", ".bmp", ".webp")
@@ -38,12 +42,15 @@ for _role_of_phrases, _phrases in _PHRASES.items():
 for _metal in ("metallic", "metalness", "metal"):
     for _pair in (f"roughness {_metal}", f"{_metal} roughness"):
         _ROLES |= {_pair: "packed", f"occlusion {_pair}": "packed", f"ao {_pair}": "packed"}
+# Packages for both workflows hold a base colour and a diffuse colour, which is black where there is metal.
+_BASE_COLOUR = re.compile(r"\b(base ?colou?r|bc)\b")
 _LETTERS = {"d": "albedo", "n": "normal", "r": "roughness", "m": "metalness", "h": "displacement", "o": "occlusion"}
 _LETTERS |= {"s": "specular", "e": ""}  # Unreal; e is the emission
 _LONGEST = max(len(phrase.split()) for phrase in _ROLES)
 # Roles that give the same map. If a folder has files of several of them, that of the first role is used.
 _CHOICES = (("normal_gl", "normal_dx", "normal"), ("displacement", "depth"), ("roughness", "smoothness"))
 _SAME_MAP = "another file gives the same map"
+_UNREAD = f"only {SUPPORTED}"
 # Why a picture is not used although its name is known.
 _NOT_USED = {"": "not recognised", "occlusion": "shadows are cast by the renderer"}
 _NOT_USED |= {"specular": "the specular workflow is not read, give a metalness map"}
@@ -76,11 +83,25 @@ def looks_like_maps(folder: Path) -> bool:
     return "albedo" in roles or len(roles) >= 2
 
 
-def no_albedo_fault(names: list[str]) -> str:
+def inner_maps(folder: Path) -> list[Path]:
+    """The folders in a folder that look like maps; packages often keep them in one, like `textures`."""
+    found = []
+    for inner in sorted(folder.iterdir()):
+        with suppress(OSError):  # one that may not be listed
+            if looks_like_maps(inner):
+                found.append(inner)
+    return found
+
+
+def no_albedo_fault(folder: Path) -> str:
     """Why the files of a folder are not maps, and the remedy; a folder of pictures may also be meant as a BTF.
 
-    `names` are those of all its files, of which the message lists the first dozen.
+    The message lists the first dozen of its files, or the folder in it that holds maps.
     """
+    inner = inner_maps(folder)
+    if inner:
+        return f"the maps lie in {' and '.join(map(str, inner[:3]))}: give that folder"
+    names = os.listdir(folder)
     listed = ", ".join(sorted(names)[:12]) or "nothing"
     remedy = "name one like albedo.png or NAME_diff.jpg, or give bake --map albedo=FILE"
     return f"no albedo among its files ({listed}): {remedy}; a BTF in pictures needs pairs.csv"
@@ -123,8 +144,13 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
         else:
             by_name.setdefault(role, []).append(name)
     # 3. One file for each role.
+    if {"metalness", "packed", "metallic_smoothness"} & {*by_name, *by_user}:
+        unused |= _leave(by_name, "albedo", _is_base_colour, "the base colour is taken, because there is metalness")
+    files_in_folder = FolderFiles(folder)
+    for role in by_name:
+        unused |= _leave(by_name, role, lambda name: bool(picture_format(files_in_folder.head(name, 8))), _UNREAD)
     if "albedo" not in by_name | by_user:
-        raise InputError(f"{folder}: {no_albedo_fault(names)}")
+        raise InputError(f"{folder}: {no_albedo_fault(folder)}")
     for role, several in by_name.items():
         if len(several) > 1:
             remedy = f"keep one in the folder, or give bake --map {role}=FILE"
@@ -132,6 +158,22 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
     files = {role: several[0] for role, several in by_name.items()} | by_user
     unused |= _drop_second_choices(files, by_user)
     return MapFiles(folder, files, unused, tuple(doubtful))
+
+
+def _leave(by_name: dict[str, list[str]], role: str, is_better: Callable[[str], bool], why: str) -> dict[str, str]:
+    """Leave in `by_name` those of several files of a role that are better, if any are; returns the others (file →
+    `why`)."""
+    several = by_name.get(role, [])
+    better = [name for name in several if is_better(name)] if len(several) > 1 else []
+    if not better:
+        return {}
+    by_name[role] = better
+    return {name: why for name in several if name not in better}
+
+
+def _is_base_colour(name: str) -> bool:
+    """Whether a file is called a base colour."""
+    return bool(_BASE_COLOUR.search(" ".join(_words(name))))
 
 
 def _drop_second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict[str, str]:

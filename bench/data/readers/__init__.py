@@ -91,13 +91,12 @@ def _opened(seen: Candidate) -> BTF | None:
 def _unknown_fault(seen: Candidate, supported: str) -> str:
     """Why no reader opens the file or folder, in words.
 
-    A folder of pictures may be texture maps, from which `bench.data.bake` makes a BTF. So it gets the words of `bake`
-    on the names of the pictures. `supported` lists what readers open, in words.
+    A folder of pictures may be texture maps, from which `bench.data.bake` makes a BTF, or hold a folder of them. So it
+    gets the words of `bake` on the names of the pictures. `supported` lists what readers open, in words.
     """
     if seen.is_folder:
-        from bench.data.bake.naming import has_pictures, no_albedo_fault
+        from bench.data.bake.naming import has_pictures, inner_maps, no_albedo_fault
 
-        names = os.listdir(seen.path)
-        if has_pictures(names):
-            return no_albedo_fault(names)
+        if has_pictures(os.listdir(seen.path)) or inner_maps(seen.path):
+            return no_albedo_fault(seen.path)
     return f"{seen.described} give {supported}"

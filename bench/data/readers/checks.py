@@ -129,13 +129,21 @@ def in_degrees(theta: Array, phi: Array, label: str, angles: str) -> tuple[Array
     """θ and φ in degrees, from arrays of any shape that a file states as degrees.
 
     `angles` is the unit that the user names: "radians" converts them, "degrees" takes them as they are. If the user
-    names neither, angles that seem to be radians are an `InputError`.
+    names neither, angles that seem to be radians are an `InputError`, and columns of them alone a warning. Arrays
+    (N, 2) have a column of the view and one of the light.
     """
     if angles == "radians":
         return np.degrees(theta), np.degrees(phi)
-    if angles != "degrees" and _seem_radians(theta, phi):
-        fault = "every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians"
-        raise InputError(f"{label}: {fault}: say which they are by --radians or --degrees (data.angles)")
+    if angles != "degrees":
+        if _seem_radians(theta, phi):
+            fault = "every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians"
+            raise InputError(f"{label}: {fault}: say which they are by --radians or --degrees (data.angles)")
+        columns: dict[str, Array] = {}
+        suffixes = ("_o", "_i") if theta.ndim == 2 else ("",)
+        for place, suffix in enumerate(suffixes):
+            columns[f"theta{suffix}"] = theta.reshape(len(theta), -1)[:, place]
+            columns[f"phi{suffix}"] = phi.reshape(len(phi), -1)[:, place]
+        _warn_of_columns(columns, label)
     return theta, phi
 
 
@@ -144,6 +152,34 @@ def warn_of_radians(wo: Array, wi: Array, label: str) -> None:
     if _seem_radians(*to_degrees(np.concatenate([wo, wi]))):
         fault = "every theta is below 1.6 degrees and every phi below 6.3, as if from radians taken for degrees"
         log.warning("%s: %s: multiply the angles by 180 / pi before you make vectors of them", label, fault)
+        return
+    columns: dict[str, Array] = {}
+    for side, directions in (("o", wo), ("i", wi)):
+        theta, phi = to_degrees(directions)
+        columns |= {f"theta_{side}": theta, f"phi_{side}": phi[theta > 0.1]}  # φ means nothing at the normal
+    _warn_of_columns(columns, label)
+
+
+def _warn_of_columns(columns: dict[str, Array], label: str) -> None:
+    """Warn of columns of angles in degrees (name, which begins with theta or phi → values) that seem to be radians."""
+    suspect = [name for name, values in columns.items() if _column_seems_radians(values, name.startswith("theta"))]
+    if suspect:
+        fault = f"all numbers of {' and '.join(suspect)} are as small as radians, but not those of the others"
+        log.warning("%s: %s: if they are radians, multiply these by 180 / pi", label, fault)
+
+
+def _column_seems_radians(values: Array, is_theta: bool) -> bool:
+    """Whether one column of angles in degrees may be radians: small numbers, and not all of them whole.
+
+    Their spread must be that of radians, too: a camera that hardly moved has angles of a degree or so.
+    """
+    around_0 = values if is_theta else np.abs((values + 180) % 360 - 180)
+    if not around_0.size or np.allclose(around_0, np.round(around_0), atol=1e-3):
+        return False
+    low, high = float(around_0.min()), float(around_0.max())
+    if is_theta:
+        return bool(high < 1.6 and high - low > 0.3)
+    return bool(high < 6.3 and high - low > 1.5)
 
 
 def _seem_radians(theta: Array, phi: Array) -> bool:
@@ -175,6 +211,22 @@ def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
             largest_code = "the largest code (255 of 8 bits, 65,535 of 16)"
         remedy = f": divide codes by {largest_code}, and convert sRGB to linear"
     return f"radiance is {shape} {dtype}: it must be (N, H, W, 3) floats{remedy}"
+
+
+def codes(values: Array) -> str:
+    """A sentence on radiance (any shape) that is plainly 8-bit codes, for a warning; "" if it is not.
+
+    Codes are whole numbers up to 255, or these over 255. Linear values decoded from sRGB do not lie on either grid.
+    """
+    top = float(values.max())
+    scale = 255.0 if top <= 1 else 1.0
+    in_codes = values.astype(np.float64) * scale
+    is_on_grid = np.abs(in_codes - np.round(in_codes)).max() < 1e-3
+    if not is_on_grid or top * scale > 255 or len(np.unique(np.round(in_codes))) < 16:
+        return ""
+    if scale == 1:
+        return "every value is a whole number up to 255, as codes are: divide by 255, and convert sRGB to linear"
+    return "every value is a whole number of 255ths, as sRGB codes are: convert sRGB to linear"
 
 
 def negative(values: Array) -> str:

@@ -1,4 +1,4 @@
-"""The colour space that a JPEG or PNG states, and its conversion to linear Rec. 709.
+"""The colour space that a picture states, and its conversion to linear Rec. 709.
 
 A space has primaries and a white, stated as chromaticities x and y, and a curve from light to codes, the whole numbers
 that a picture holds: often code = light ^ exponent.
@@ -6,6 +6,9 @@ that a picture holds: often code = light ^ exponent.
 What states nothing is sRGB. An ICC profile is applied by Little CMS, to 8-bit codes. A PNG may state its exponent
 (gAMA), its primaries (cHRM) or both by number (cICP) instead; a camera states Adobe RGB in EXIF. What agrees with sRGB
 changes no value. Colours outside the gamut of sRGB are clipped.
+
+EXR and Radiance pictures hold light itself, and what states nothing is Rec. 709. They state primaries by
+chromaticities, EXR also by the name of a space. Colours outside the gamut stay negative.
 """
 
 import io
@@ -20,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import Array
+from bench.data.readers import exr, radiance
 from bench.data.readers.orientation import before_pixels, exif
 from bench.inputs.errors import InputError
 
@@ -28,11 +32,29 @@ REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 ADOBE_RGB = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
 DISPLAY_P3 = (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.3290)
 REC2020 = (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.3290)
+AP0 = (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767)  # of ACES2065-1 (SMPTE ST 2065-1)
+AP1 = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)  # of ACEScg (Academy S-2014-004)
 ADOBE_EXPONENT = 256 / 563  # Adobe RGB (1998), 4.3.1.2: light = code ^ 2.19921875
 SRGB_EXPONENT = 0.45455  # the gAMA that PNG gives to sRGB
 # The primaries and curves of ITU-T H.273 by its numbers; the exponent 0 stands for the curve of sRGB.
 _PRIMARIES = {1: REC709, 9: REC2020, 12: DISPLAY_P3}
 _EXPONENTS = {4: 1 / 2.2, 8: 1.0, 13: 0.0}
+# Names of linear spaces in EXR, in small letters and digits alone → primaries. They are those of the Color Interop
+# Forum, like lin_ap1_scene, and of OpenColorIO's configurations, like ACEScg and Linear Rec.709 (sRGB).
+_LINEAR = {"acescg": AP1, "aces20651": AP0, "linearrec709srgb": REC709}
+for _word, _primaries in {
+    "rec709": REC709,
+    "srgb": REC709,
+    "p3d65": DISPLAY_P3,
+    "rec2020": REC2020,
+    "adobergb": ADOBE_RGB,
+    "ap0": AP0,
+    "ap1": AP1,
+}.items():
+    _LINEAR |= {f"lin{_word}": _primaries, f"lin{_word}scene": _primaries, f"linear{_word}": _primaries}
+_NAMES_NO_PRIMARIES = ("", "data", "raw", "unknown", "linear", "scenelinear")
+# Attributes of EXR that speak of colour and change no value here: an absolute scale, and the white of a look.
+_EXR_IGNORED = ("whiteLuminance", "adoptedNeutral")
 # From CIE XYZ to the responses of three cones, in which one white is adapted to another.
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 _MOST_PROFILE = 16 << 20  # bytes of a profile that are inflated at most
@@ -59,18 +81,94 @@ class Colour:
         if self.exponent:
             fractions = np.arange(len(curve)) / (len(curve) - 1)  # of the largest code
             curve = fractions ** (1 / self.exponent)
-        light = curve[codes]
+        return np.clip(self.in_rec709(curve[codes]), 0, 1)  # colours outside the gamut of Rec. 709 leave [0, 1]
+
+    def in_rec709(self, light: Array) -> Array:
+        """Linear Rec. 709 (…, 3) float32 of linear RGB in these primaries (…, 3); outside the gamut it is negative."""
         if not _alike(self.chromaticities, REC709):
-            # Colours outside the gamut of Rec. 709 leave [0, 1].
-            light = np.clip(light @ _to_rec709(self.chromaticities).T, 0, 1)
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused when the picture is read
+                light = light @ _to_rec709(self.chromaticities).T
         return np.asarray(light, np.float32)
 
 
-def stated_colour(data: bytes, kind: str | None, label: str) -> Colour | None:
-    """The colour space of a JPEG or PNG (`kind`) from the bytes before its pixels; None for sRGB, and for other kinds.
+def stated_colour(data: bytes, kind: str | None, label: str) -> tuple[Colour | None, list[str]]:
+    """The colour space of a picture of format `kind` from the bytes before its pixels, and what it says of colour that
+    is ignored; None for sRGB, and for linear Rec. 709 in EXR and Radiance.
 
     `InputError`, which names the picture by `label`, for a space that cannot be converted.
     """
+    if kind == "exr":
+        return _by_attributes(data, label)
+    if kind == "hdr":
+        return _by_radiance(data, label)
+    return _of_codes(data, kind, label), []
+
+
+def _by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
+    """The space of an EXR, and the attributes that are ignored, as `stated_colour` has them.
+
+    By the Color Interop Forum colorInteropID supersedes chromaticities. Of the others none goes before another, so a
+    contradiction is an `InputError`.
+    """
+    attributes, _ = exr.attributes_of(data, label)
+    if attributes is None or exr.channels_to_read(attributes, label) == ("X", "Y", "Z"):
+        return None, []  # X, Y, Z are of no primaries
+    ignored = [name for name in _EXR_IGNORED if name in attributes]
+    decided: Colour | None = None
+    for field in ("colorInteropID", "chromaticities", "oiio:ColorSpace"):
+        if field not in attributes:
+            continue
+        words: str = field
+        if field != "chromaticities":
+            space = attributes[field].rstrip(b"\0").decode("utf-8", "replace")
+            words = f"{field} {space[:60]}"
+        if decided and decided.name.startswith("colorInteropID"):
+            ignored.append(words)
+            continue
+        if field == "chromaticities":
+            primaries = struct.unpack("<8f", attributes[field])
+            _refuse_flat(primaries, label, "chromaticities")
+        else:
+            key = "".join(letter for letter in space.lower() if letter.isalnum())
+            if key in _NAMES_NO_PRIMARIES:
+                ignored.append(words)
+                continue
+            if key not in _LINEAR:
+                raise InputError(f"{label}: its {words} is not converted: convert it to linear Rec. 709 (sRGB)")
+            primaries = _LINEAR[key]
+        if decided and not _alike(decided.chromaticities, primaries):
+            fault = f"its {decided.name} and its {words} state different colours"
+            raise InputError(f"{label}: {fault}: leave the one that is right")
+        decided = decided or Colour(words, chromaticities=primaries)
+    if decided and _alike(decided.chromaticities, REC709):
+        decided = None
+    return decided, ignored
+
+
+def _by_radiance(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
+    """The primaries of a Radiance picture, and the lines that are ignored, as `stated_colour` has them.
+
+    A correction of colours is named with them; it is undone where the picture is read.
+    """
+    header = radiance.header(data, label)
+    if header is None:
+        return None, []
+    used = []
+    chromaticities: tuple[float, ...] = REC709
+    if header.primaries:
+        _refuse_flat(header.primaries, label, "PRIMARIES")
+        if not _alike(header.primaries, REC709):
+            chromaticities = header.primaries
+            used.append("PRIMARIES " + " ".join(f"{value:g}" for value in chromaticities))
+    if header.correction != (1, 1, 1):
+        used.append("COLORCORR " + " ".join(f"{factor:g}" for factor in header.correction))
+    if not used:
+        return None, header.ignored
+    return Colour(" and ".join(used), chromaticities=chromaticities), header.ignored
+
+
+def _of_codes(data: bytes, kind: str | None, label: str) -> Colour | None:
+    """The space of a JPEG or PNG (`kind`) from the bytes before its pixels; None for sRGB, and for other kinds."""
     profile = b""
     if kind == "png":
         # cICP comes before a profile, a profile before sRGB, and that before gAMA and cHRM. EXIF counts without these.
@@ -146,14 +244,7 @@ def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
         white_first = np.array(struct.unpack(">8I", chunks[b"cHRM"])) / 1e5
         white_last = np.roll(white_first, -2)  # x and y of the white go behind those of the primaries
         chromaticities = tuple(float(value) for value in white_last)
-        # Every second number is a y. None may be near 0, because x and 1 − x − y are divided by it.
-        spans_colours = min(chromaticities[1::2]) >= 1e-3
-        if spans_colours:
-            # Primaries on one line have the determinant 0: the matrix to XYZ then has no inverse.
-            determinant = np.linalg.det(_to_xyz(chromaticities, scaled=False))
-            spans_colours = abs(determinant) >= 1e-3
-        if not spans_colours:
-            raise InputError(f"{label}: the primaries of its cHRM chunk span no colours: save it without that chunk")
+        _refuse_flat(chromaticities, label, "cHRM chunk")
     has_srgb_curve = exponent == 0 or abs(exponent - SRGB_EXPONENT) < 1e-4
     has_srgb_primaries = _alike(chromaticities, REC709)
     if has_srgb_curve and has_srgb_primaries:
@@ -164,6 +255,18 @@ def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
     if not has_srgb_primaries:
         chunks_used.append("cHRM")
     return Colour(" and ".join(chunks_used), b"", exponent, chromaticities)
+
+
+def _refuse_flat(chromaticities: tuple[float, ...], label: str, field: str) -> None:
+    """Raise an `InputError` if the primaries that `field` of a picture states lie on one line, or have a y near 0."""
+    # Every second number is a y. None may be near 0, because x and 1 − x − y are divided by it.
+    spans_colours = min(abs(y) for y in chromaticities[1::2]) >= 1e-3
+    if spans_colours:
+        # Primaries on one line have the determinant 0: the matrix to XYZ then has no inverse.
+        determinant = np.linalg.det(_to_xyz(chromaticities, scaled=False))
+        spans_colours = abs(determinant) >= 1e-3
+    if not spans_colours:
+        raise InputError(f"{label}: the primaries of its {field} span no colours: save it without")
 
 
 def _by_exif(data: bytes, kind: str) -> Colour | None:

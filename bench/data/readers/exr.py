@@ -1,4 +1,4 @@
-"""OpenEXR as linear Rec. 709 RGB: a single flat part with channels R G B, X Y Z or Y, in half or float.
+"""OpenEXR as linear RGB: a single flat part with channels R G B, X Y Z or Y, in half or float.
 
 An EXR is a header of attributes (name, type, content), a table of places, and chunks: groups of scan lines (rows), each
 compressed alone. The header is parsed here, so that sizes are known without the pixels; the OpenEXR library decodes the
@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from bench.btf import Array
-from bench.data.readers.colour import REC709
 from bench.inputs.errors import InputError, refuse_pipe
 
 # The scan lines of a chunk, by the number of the compression, which the attribute `compression` holds.
@@ -28,7 +27,7 @@ def size(data: bytes, label: str) -> tuple[int, int] | None:
 
     Raises `InputError` for a form that `read` does not read.
     """
-    attributes, _ = _attributes(data, label)
+    attributes, _ = attributes_of(data, label)
     if attributes is None:
         return None
     missing = [name for name in ("channels", "dataWindow", "displayWindow") if name not in attributes]
@@ -45,12 +44,12 @@ def size(data: bytes, label: str) -> tuple[int, int] | None:
         tile_width, tile_height = struct.unpack_from("<II", attributes["tiles"])
         if max(tile_width, tile_height) > 4096:
             raise InputError(f"{label}: this EXR has tiles above 4096 pixels: save it in scan lines")
-    _channels_to_read(attributes, label)  # raises for channels that `read` does not read
+    channels_to_read(attributes, label)  # raises for channels that `read` does not read
     left, top, right, bottom = window
     return bottom - top + 1, right - left + 1
 
 
-def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
+def attributes_of(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
     """The header of a single-part EXR: its attributes, name → content, and the offset at which the header ends.
 
     None and 0 if the data end before the header does. `InputError` for an EXR of another kind.
@@ -82,7 +81,7 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
     return None, 0
 
 
-def _channels_to_read(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
+def channels_to_read(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
     """The names of the channels to read: R G B, else X Y Z, else Y alone (grey). `InputError` for other channels.
 
     Further channels, such as alpha or depth, are left out.
@@ -143,19 +142,19 @@ def _refuse_truncated(data: bytes, end: int, attributes: dict[str, bytes], label
 
 
 def read(path: Path, label: str, rgb_is_xyz: bool) -> Array:
-    """The picture (H, W, 3) float32 of an EXR in linear Rec. 709; grey is repeated.
+    """The picture (H, W, 3) float32 of an EXR, in the colour space that it states; grey is repeated.
 
-    X, Y, Z, and R, G, B with `rgb_is_xyz`, are taken as CIE XYZ (D65). `InputError` for a truncated file, or for
-    channels or primaries that are not read.
+    X, Y, Z, and R, G, B with `rgb_is_xyz`, are taken as CIE XYZ (D65), and become linear Rec. 709. `InputError` for a
+    truncated file, or for channels that are not read.
     """
     import OpenEXR
 
     refuse_pipe(path)
     data = path.read_bytes()
-    attributes, end = _attributes(data, label)
+    attributes, end = attributes_of(data, label)
     if attributes is None:
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
-    names = _channels_to_read(attributes, label)
+    names = channels_to_read(attributes, label)
     if "tiles" not in attributes:  # the chunks of tiles are numbered in another way; the library checks them
         _refuse_truncated(data, end, attributes, label)
     channels = OpenEXR.File(str(path), separate_channels=True).channels()
@@ -165,9 +164,4 @@ def read(path: Path, label: str, rgb_is_xyz: bool) -> Array:
     if names == ("X", "Y", "Z") or rgb_is_xyz:  # colours outside the gamut stay negative
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(picture @ XYZ_TO_REC709.T, np.float32)
-    if "chromaticities" in attributes:
-        chromaticities = struct.unpack("<8f", attributes["chromaticities"])
-        if not np.allclose(chromaticities, REC709, atol=2e-3):
-            fault = "its chromaticities are not those of Rec. 709"
-            raise InputError(f"{label}: {fault}: convert it to linear Rec. 709 (sRGB)")
     return picture

@@ -40,6 +40,14 @@ class FolderFiles:
         """Whether the name is a regular file (a pipe would make a reader wait)."""
         return (self.root / name).is_file()
 
+    def beside(self, name: str) -> list[str]:
+        """The names of all files in the folder of a file, which need not be there; [] if that cannot be listed."""
+        folder = (self.root / name).parent
+        try:
+            return [(Path(name).parent / found).as_posix() for found in os.listdir(folder)]
+        except OSError:
+            return []
+
     def size(self, name: str) -> int:
         """Bytes of the file. `InputError` for a pipe, which would make a reader wait."""
         refuse_pipe(self.root / name)

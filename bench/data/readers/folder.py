@@ -48,8 +48,11 @@ def opened(seen: Candidate) -> BTF | None:
         has_list = (path / LIST).is_file()
     else:  # a file is the list if its first line is such a header; the list must still be called `pairs.csv`
         path = seen.path.parent
-        has_list = ANGLES[0] in seen.first_line
+        has_list = ANGLES[0] in seen.first_line.lower()
     if not has_list:
+        for name in os.listdir(path) if seen.is_folder else ():
+            if name.lower() == LIST:
+                raise InputError(f"{path / name}: its name differs in letter case: call the list {LIST}")
         return None
 
     rows = _read_rows(path / LIST)
@@ -99,6 +102,14 @@ def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     # Of a column that stands twice only the last would count.
     if missing or len(set(header)) < len(header):
         fault = f"without column {', '.join(missing)}" if missing else "with a column twice"
+        for separator, word in ((";", "semicolons"), ("\t", "tabs")):
+            if separator in header[0]:
+                raise InputError(
+                    f"{path}: its cells are separated by {word}: save it with commas, and numbers with points"
+                )
+        in_other_case = [name for name in header if name not in COLUMNS and name.lower() in missing]
+        if in_other_case:
+            fault = f"with {', '.join(in_other_case)} in another letter case"
         raise InputError(f"{path}: a header {fault} ({','.join(header)[:100]!r}): it needs {','.join(COLUMNS)}")
     if len(lines) == 1:
         raise InputError(f"{path}: it lists no picture: add one line a picture below the header")

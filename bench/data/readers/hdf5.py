@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.btf import BTF, Array, Source, finite
+from bench.btf import BTF, Array, Source, finite, in_float32
 from bench.data.joined import followed
 from bench.data.readers.checks import no_duplicates, provenance_of, unit_directions
 from bench.data.readers.files import Candidate, file_digest
@@ -213,10 +213,10 @@ class HDF5Source(Source):
         if last - first > 2 * self.at_once:
             stretches = [(int(pair), int(pair) + 1) for pair in pairs]
         slices: dict[int, Array] = {}  # pair → picture
-        with _file(self.path) as file, np.errstate(over="ignore"):
+        with _file(self.path) as file:
             for start, end in stretches:
                 values = file[COLOUR][start:end, bottom : bottom + height, left : left + width]
-                pictures = np.asarray(values, np.float32)[:, ::-1]  # now row 0 is the top
+                pictures = in_float32(values, f"{self.path}: {COLOUR}")[:, ::-1]  # now row 0 is the top
                 slices |= dict(enumerate(pictures, start))
         return [finite(slices[int(pair)], f"{self.path}: {COLOUR}[{pair}]") for pair in pairs]
 

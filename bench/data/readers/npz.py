@@ -35,26 +35,20 @@ MEAN = "rgb_geomean"  # the array that only a mean ABRDF has
 
 
 class NpzSource(ArraySource):
-    """An array (N, H, W, 3) of a file, often memory-mapped; values that are read and not finite are a `NotFiniteError`.
-
-    A value too large for float32 becomes infinite, without NumPy's warning, and so is met, too.
-    """
+    """An array (N, H, W, 3) of a file, often memory-mapped; values that are not finite are a `NotFiniteError`."""
 
     def __init__(self, values: Array, path: Path):
-        super().__init__(values)
+        super().__init__(values, f"{path}: radiance")
         self.path = path
 
-    @np.errstate(over="ignore", invalid="ignore")
     def slice(self, pair: int) -> Array:
-        return finite(super().slice(pair), f"{self.path}: radiance[{pair}]")
+        return finite(super().slice(pair), f"{self.label}[{pair}]")
 
-    @np.errstate(over="ignore", invalid="ignore")
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
-        return finite(super().texels(rows, cols, pairs), f"{self.path}: radiance at texels")
+        return finite(super().texels(rows, cols, pairs), f"{self.label} at texels")
 
-    @np.errstate(over="ignore", invalid="ignore")
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
-        return finite(super().gather(pair, row, col), f"{self.path}: radiance at samples")
+        return finite(super().gather(pair, row, col), f"{self.label} at samples")
 
     def fingerprint(self) -> str:
         return file_digest(self.path)

@@ -1,9 +1,10 @@
-"""What stands in a JPEG or PNG before its pixels, and the orientation that a camera noted there (EXIF).
+"""What stands in a JPEG or PNG before its pixels, and the orientation that a camera noted (EXIF, XMP).
 
 A camera that lies on its side stores the picture turned, and notes how. A picture is read as it is shown, upright, not
 as it is stored. `kind` is the format: `jpeg` or `png`; any other, or None, has no such notes here.
 """
 
+import io
 import struct
 import warnings
 from collections.abc import Callable, Iterator
@@ -15,7 +16,6 @@ import numpy as np
 from bench.btf import Array
 
 TAG = 0x0112  # the EXIF note of the orientation (CIPA DC-008, 4.6.4 A): from 1, upright, to 8
-MARK = b"Exif\0\0"  # how a JPEG's segment with EXIF notes begins
 PNG_START = 8  # bytes of the signature of a PNG; its chunks follow
 
 # Orientation → the function from the stored picture (H, W, …) to the upright one.
@@ -39,28 +39,36 @@ def orientation(data: bytes, kind: str | None) -> int:
     return 1
 
 
+def late_orientation(data: bytes) -> int:
+    """The orientation of a whole PNG with notes behind its pixels, where the first bytes do not show them; else 1."""
+    names = [name for name, _ in png_chunks(data)]
+    late = names[names.index(b"IDAT") :] if b"IDAT" in names else []
+    if not {b"eXIf", b"tEXt", b"zTXt", b"iTXt"} & set(late):
+        return 1
+    notes = _exif(data, is_whole=True)
+    value = None if notes is None else notes.get(TAG)
+    return value if value in _TURNS else 1
+
+
 def exif(data: bytes, kind: str | None) -> Any:
     """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif` (tag → value), from the bytes before its pixels.
 
-    None without valid ones.
+    None without valid ones. Pillow finds them: in a segment or chunk of EXIF, in a PNG's text, and the orientation in
+    XMP.
     """
-    encoded = b""
-    if kind in ("jpeg", "png"):
-        for name, content in before_pixels(data):
-            is_jpeg_note = kind == "jpeg" and name == b"\xe1" and content.startswith(MARK)
-            is_png_note = kind == "png" and name == b"eXIf"
-            if is_jpeg_note or is_png_note:
-                encoded = content
-                break  # the first notes count
-    if not encoded:
-        return None
+    return _exif(data, is_whole=False) if kind in ("jpeg", "png") else None
+
+
+def _exif(data: bytes, is_whole: bool) -> Any:
+    """The notes of a JPEG or PNG; without `is_whole` the data may end with what stands before its pixels."""
     from PIL import Image
 
-    notes = Image.Exif()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of damaged notes, which are no fault of the picture
         try:
-            notes.load(encoded)
+            picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
+            # A PNG's own method decodes the pixels first, to reach what stands behind them.
+            notes = picture.getexif() if is_whole else Image.Image.getexif(picture)
             notes.get(TAG)  # damaged values raise when they are read
         except Exception:  # damaged notes raise many types; the picture is then used as stored
             return None
@@ -96,8 +104,7 @@ def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     # stand before the marker.
     while offset + 4 <= len(data) and data[offset] == 0xFF:
         marker = data[offset + 1]
-        # The header of a frame (baseline, extended, progressive), the pixels, the end of the picture.
-        if marker in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
+        if marker in (0xDA, 0xD9):  # the pixels, the end of the picture
             return
         if marker == 0xFF:  # fills up
             offset += 1

@@ -18,15 +18,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from bench.btf import Array, Source, finite
-from bench.data.readers import exr
+from bench.data.readers import exr, radiance
 from bench.data.readers.colour import Colour, srgb_by_profile, stated_colour
 from bench.data.readers.files import HEAD, Files, FolderFiles
-from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
+from bench.data.readers.orientation import late_orientation, orientation, png_chunks, upright, upright_size
 from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
@@ -71,11 +71,13 @@ class _Header:
 
     size: tuple[int, int]  # (H, W) of the upright picture
     orientation: int  # in which it is stored: from 1, upright, to 8
-    colour: Colour | None  # its colour space; None for sRGB
+    colour: Colour | None  # its colour space; None for sRGB, or linear Rec. 709 of EXR and Radiance
+    ignored: list[str]  # what it says of colour that changes no value, in words
 
 
-def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
-    """What the header of a picture says; without `is_colour` its colour space is not looked at.
+def _header(files: Files, name: str, is_colour: bool = True, rgb_is_xyz: bool = False) -> _Header:
+    """What the header of a picture says; its colour space is not looked at without `is_colour`, nor, with
+    `rgb_is_xyz`, that of an EXR.
 
     Reads the start of the file, or all of it if the header is long. `InputError` for a file that is no supported
     picture, is damaged, claims an absurd size, or states a colour space that cannot be converted.
@@ -100,14 +102,17 @@ def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
         raise InputError(f"{label}: {fault}: get it again")
     with readable(label, "the picture is damaged; get it again"):
         turn = orientation(data, kind)
-        colour = stated_colour(data, kind, label) if is_colour else None
+        colour: Colour | None = None
+        ignored: list[str] = []
+        if is_colour and not (rgb_is_xyz and kind == "exr"):
+            colour, ignored = stated_colour(data, kind, label)
         has_16_bits = kind == "png" and data[PNG_BITS] == 16
     # Profiles are applied by a library that takes 8 bits (`bench.data.readers.colour`).
     if colour and colour.profile and has_16_bits:
         raise InputError(
             f"{label}: {colour.name} in 16 bits is not converted: save it as 16-bit sRGB, or as linear EXR"
         )
-    return _Header(upright_size(stored_size, turn), turn, colour)
+    return _Header(upright_size(stored_size, turn), turn, colour, ignored)
 
 
 def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour: bool = True) -> Array:
@@ -115,10 +120,11 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
 
     8- and 16-bit codes are decoded to [0, 1] as the colour space says that the picture states, or else as sRGB; without
     `is_colour` (data, such as normals) always as sRGB. EXR channels X, Y, Z (and R, G, B with `rgb_is_xyz`) are taken
-    as CIE XYZ under D65. A JPEG or PNG is turned as its EXIF notes say. Raises `InputError` for unreadable, CMYK or
-    incomplete pictures and values not finite.
+    as CIE XYZ under D65; primaries that EXR or Radiance states are converted, not without `is_colour`. A JPEG or PNG is
+    turned as its EXIF or XMP notes say. Raises `InputError` for unreadable, CMYK or incomplete pictures and values that
+    are not finite.
     """
-    header = _header(files, name, is_colour)
+    header = _header(files, name, is_colour, rgb_is_xyz)
     label = files.label(name)
     height, width = header.size
     with readable(label, "the picture is damaged; get it again"):
@@ -129,10 +135,15 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
                 raise InputError(f"{label}: EXR is read from folders only: extract the archive and give the folder")
             picture = exr.read(files.root / name, label, rgb_is_xyz)
         elif kind == "hdr":
-            picture = _read_hdr(files.read(name))
+            picture = radiance.read(files.read(name), label)
         else:
-            stored = _read_codes(files.read(name), kind, header, label)
-            picture = upright(stored, header.orientation)
+            data = files.read(name)
+            if kind == "png" and late_orientation(data) not in (1, header.orientation):
+                fault = "notes behind its pixels say that it is turned, too late to be seen when its size is read"
+                raise InputError(f"{label}: {fault}: save it upright")
+            picture = upright(_read_codes(data, kind, header, label), header.orientation)
+        if header.colour and kind in ("exr", "hdr"):
+            picture = header.colour.in_rec709(picture)
     if picture.shape != (height, width, 3):
         raise InputError(f"{label}: it holds {picture.shape}, but its header says {(height, width, 3)}: get it again")
     return finite(picture, label)
@@ -176,19 +187,25 @@ class PictureSource(Source):
         self.options = options
         self.count = len(self.names)
         self.orientations: dict[str, int] = {}  # file → EXIF orientation, 2 to 8, of pictures that are not upright
-        self.colours: dict[str, str] = {}  # file → name of its colour space, of pictures that are not in sRGB
+        self.colours: dict[str, str] = {}  # file → name of its colour space, of pictures that are converted
+        self.ignored: list[str] = []  # what the pictures say of colour that changes no value, in the words of each
         if labels is None:
             labels = [files.label(name) for name in self.names]
         first_labels: dict[str, str] = {}  # name → label of the first entry that lists the picture
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
-                raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
+                remedy = "add the picture or leave the entry out"
+                others = [other for other in files.beside(name) if other.lower() == name.lower()]
+                if others:
+                    remedy = f"{others[0]} differs in letter case: give both one name"
+                raise InputError(f"{label}: {name} is missing: {remedy}")
             # The pairs are known to differ, so one picture cannot be of two of them.
             first_label = first_labels.setdefault(name, label)  # this one, if no earlier entry lists the picture
             if first_label != label:
                 fault = f"{name} already stands in {first_label}, for other directions"
                 raise InputError(f"{label}: {fault}: give each pair its own picture")
-            header = _header(files, name)
+            header = _header(files, name, rgb_is_xyz=options.get("rgb_is_xyz", False))
+            self.ignored += header.ignored
             size = header.size
             if header.orientation > 1:  # 1 is upright
                 self.orientations[name] = header.orientation
@@ -220,20 +237,27 @@ class PictureSource(Source):
         return hashlib.sha256(" ".join([digest, *statements]).encode()).hexdigest()
 
     def conversions(self) -> dict[str, str]:
-        """The note for a provenance on colour spaces other than sRGB, by its key; {} if there are none."""
-        if not self.colours:
-            return {}
-        counts = Counter(self.colours.values())  # colour space → number of pictures
-        listed = ", ".join(f"{space} ({count} of {self.count} pictures)" for space, count in sorted(counts.items()))
-        return {"colour_profiles": f"converted to linear Rec. 709 from {listed}"}
+        """The notes for a provenance, by key: colour spaces that are converted, and what is ignored; {} if neither."""
+        notes = {}
+        if self.colours:
+            notes["colour_profiles"] = f"converted to linear Rec. 709 from {self._listed(list(self.colours.values()))}"
+        if self.ignored:
+            notes["ignored"] = self._listed(self.ignored)
+        return notes
+
+    def _listed(self, words: list[str]) -> str:
+        """Words of pictures, each with the number of pictures that have them."""
+        counts = sorted(Counter(words).items())
+        return ", ".join(f"{word} ({count} of {self.count} pictures)" for word, count in counts)
 
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before it.
+    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before the pixels do begin.
 
-    It looks through the segments in order: each begins with 0xFF and its marker. `InputError` for a JPEG that is not
-    read.
+    It looks through the segments in order: each begins with 0xFF and its marker. The camera's notes and the colour
+    space may stand behind the frame header. `InputError` for a JPEG that is not read.
     """
+    size = None
     offset = 2  # after the marker of the start
     # The part of a frame header that is read has 10 bytes: marker 2, length 2, bits 1, height 2, width 2, channels 1.
     while offset + 10 <= len(data):
@@ -246,9 +270,11 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
         # none; all others have a content of stated length, which is passed over.
         if marker == 0xFF:
             offset += 1
-        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:
+            continue
+        if marker == 0x01 or 0xD0 <= marker <= 0xD8:
             offset += 2
-        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            continue
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             # Two bytes of the marker and two of the length come first.
             bits, height, width, channels = struct.unpack_from(">BHHB", data, offset + 4)
             reason = ""
@@ -262,10 +288,11 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
                 )
             if channels not in (1, 3):
                 raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
-            return height, width
-        else:
-            (length,) = struct.unpack_from(">H", data, offset + 2)
-            offset += 2 + max(2, length)  # a damaged length below 2 still moves on
+            size = height, width
+        (length,) = struct.unpack_from(">H", data, offset + 2)
+        offset += 2 + max(2, length)  # a damaged length below 2 still moves on
+        if marker == 0xDA and offset <= len(data):  # the pixels follow
+            return size
     return None
 
 
@@ -283,16 +310,7 @@ def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
     return (height, width) if pixels_reached else None
 
 
-def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the header of a Radiance picture, which may be stored by columns; None if the data end before the
-    header does."""
-    header = _hdr_header(data)
-    if header is None:
-        return None
-    return header.counts if header.by_rows else header.counts[::-1]
-
-
-_SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": _hdr_size}
+_SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": radiance.size}
 
 
 def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
@@ -342,117 +360,3 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
     if planes >= 3:
         return codes[..., :3]
     return np.repeat(codes[..., :1], 3, 2)
-
-
-# The pairs of axes that a Radiance picture may state, in either order: one of rows (Y) and one of columns (X).
-_HDR_AXES = ({"-Y", "+X"}, {"-Y", "-X"}, {"+Y", "+X"}, {"+Y", "-X"})
-
-
-class _HdrHeader(NamedTuple):
-    """The header of a Radiance picture (Ward, "Real Pixels", Graphics Gems II)."""
-
-    start: int  # offset at which the pixels begin
-    axes: tuple[str, str]  # with their signs, like -Y, +X; the second one changes faster
-    counts: tuple[int, int]  # of pixels along the axes
-    exposure: float  # the product of all factors that are stated; the stored values were multiplied by it
-
-    @property
-    def by_rows(self) -> bool:
-        """Whether the picture is stored row by row, not by columns."""
-        return self.axes[0] in ("-Y", "+Y")
-
-
-def _hdr_header(data: bytes) -> _HdrHeader | None:
-    """The header of a Radiance picture; None if the data end before it does. `ValueError` for what is not read.
-
-    It is lines of text, an empty line, and the line of the size, like `-Y 256 +X 256`: each axis and its pixels.
-    """
-    end = data.find(b"\n\n")
-    line_end = data.find(b"\n", end + 2)
-    if end < 0 or line_end < 0:
-        return None
-    formats = []
-    exposures = []
-    for line in data[:end].decode("latin-1").split("\n"):
-        if line.startswith("#") or "=" not in line:
-            continue  # a comment, or a command that made the picture
-        key, _, value = line.partition("=")
-        if key.strip() == "FORMAT":
-            formats.append(value.strip())
-        elif key.strip() == "EXPOSURE":
-            exposures.append(value)
-    if formats != ["32-bit_rle_rgbe"]:
-        raise ValueError(f"FORMAT is {formats}, only 32-bit_rle_rgbe is read")
-    exposure = float(np.prod([float(value) for value in exposures]))  # 1 without any
-    if not (np.isfinite(exposure) and exposure > 0):
-        raise ValueError(f"EXPOSURE is {exposure}")
-    size = data[end + 2 : line_end].decode("latin-1").split()
-    if len(size) != 4 or {size[0], size[2]} not in _HDR_AXES:
-        raise ValueError(f"the size is {' '.join(size)[:40]!r}, not like -Y 256 +X 256")
-    first, first_count, second, second_count = size
-    return _HdrHeader(line_end + 1, (first, second), (int(first_count), int(second_count)), exposure)
-
-
-def _read_hdr(data: bytes) -> Array:
-    """A Radiance picture (H, W, 3) float32, upright for any axis order, divided by its exposure.
-
-    `ValueError` or `IndexError` if it is damaged. A pixel is stored as RGBE: mantissas of red, green and blue, and a
-    common exponent.
-    """
-    header = _hdr_header(data)
-    if header is None:
-        raise ValueError("the header ends early")
-    rgbe = _hdr_pixels(data, header.start, *header.counts)
-    exponents = rgbe[..., 3]
-    # A mantissa m with exponent e is m · 2^(e − 136), as in rgbe.c and OpenCV, so black stays black; Ward's own reader
-    # adds half a code to m. Of the 136, 128 make e signed, and 8 make m a fraction.
-    scale = np.ldexp(np.float32(1 / header.exposure), exponents.astype(np.int32) - 136)
-    with np.errstate(over="ignore"):  # beyond float32 it is infinite, which a BTF refuses when it is read
-        picture = rgbe[..., :3] * scale[..., None]
-    picture[exponents == 0] = 0  # black, whatever m is
-    # Upright, rows go down (-Y) and columns to the right (+X).
-    backward = [axis for axis, name in enumerate(header.axes) if name in ("-X", "+Y")]
-    picture = np.flip(picture, tuple(backward))
-    if not header.by_rows:
-        picture = picture.swapaxes(0, 1)
-    return np.ascontiguousarray(picture)
-
-
-def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
-    """RGBE bytes (lines, length, 4) uint8 from `offset` on, which are stored plainly or run-length coded line by line.
-
-    A line is a row, or a column of a picture that is stored by columns. `ValueError` or `IndexError` for damaged data.
-    """
-    # A coded line begins with two bytes 2, and its length in two more, the higher byte first. The format codes only
-    # lines of 8 to 32,767 pixels.
-    line_start = b"\2\2" + struct.pack(">H", length) if 8 <= length < 32768 else None
-    if data[offset : offset + 4] != line_start:
-        flat = np.frombuffer(data, np.uint8, lines * length * 4, offset).reshape(lines, length, 4)
-        if (flat[..., :3] == 1).all(-1).any():  # the old coding marks a run by a pixel whose R, G and B are 1
-            raise ValueError("the old run-length coding is not read")
-        return flat
-    planes = []  # of each line, all its R, then all G, B and exponents
-    for _ in range(lines):
-        if data[offset : offset + 4] != line_start:
-            raise ValueError(f"there is no scan line at offset {offset}")
-        line, offset = _hdr_line(data, offset + 4, 4 * length)
-        planes.append(line)
-    return np.frombuffer(b"".join(planes), np.uint8).reshape(lines, 4, length).swapaxes(1, 2)
-
-
-def _hdr_line(data: bytes, offset: int, length: int) -> tuple[bytes, int]:
-    """The `length` bytes of a line whose run-length code begins at `offset`, and the offset behind that code."""
-    line = bytearray()
-    while len(line) < length:
-        count = data[offset]
-        if count > 128:  # one byte, repeated `count` − 128 times
-            line += data[offset + 1 : offset + 2] * (count - 128)
-            offset += 2
-        else:  # `count` different bytes
-            line += data[offset + 1 : offset + 1 + count]
-            offset += 1 + count
-        if count == 0 or offset > len(data):  # a run of 0 bytes would go on for ever
-            raise ValueError(f"a bad run at offset {offset}")
-    if len(line) != length:
-        raise ValueError(f"the scan line before offset {offset} is too long")
-    return bytes(line), offset

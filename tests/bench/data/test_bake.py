@@ -270,6 +270,36 @@ def test_a_second_packed_map_is_left_out_for_the_first(tmp_path):
     assert maps.unused == {"a_MetallicSmoothness.png": "another file gives the same map"}
 
 
+@pytest.mark.parametrize("metal", ["a_metallic", "a_ORM"])
+def test_a_base_colour_goes_before_a_diffuse_one_where_there_is_metalness(tmp_path, metal):
+    for name in ("a_baseColor", "a_diffuse", "a_rough"):
+        (tmp_path / f"{name}.png").touch()
+    with pytest.raises(InputError, match=r"a_baseColor\.png and a_diffuse\.png"):
+        recognise(tmp_path)
+    (tmp_path / f"{metal}.png").touch()
+    maps = recognise(tmp_path)
+    assert maps.files["albedo"] == "a_baseColor.png"
+    assert "a_diffuse.png" in maps.unused
+
+
+def test_a_second_map_that_cannot_be_read_does_not_stand_in_the_way(tmp_path):
+    folder = save(tmp_path / "m", a_color=flat((0.5, 0.5, 0.5)), a_height=flat(0.5))
+    Image.fromarray(np.zeros((16, 16), np.uint8)).save(folder / "a_displacement.tif")
+    maps = recognise(folder)
+    assert maps.files["displacement"] == "a_height.png"
+    assert "a_displacement.tif" in maps.unused
+    (folder / "a_disp.png").write_bytes((folder / "a_height.png").read_bytes())
+    with pytest.raises(InputError, match=r"a_disp\.png and a_height\.png"):
+        recognise(folder)
+
+
+def test_maps_in_a_folder_of_the_folder_are_found_and_named(tmp_path):
+    save(tmp_path / "textures", rock_diff=flat((0.5, 0.5, 0.5)))
+    for attempt in (recognise, open_btf):
+        with pytest.raises(InputError, match=f"maps lie in {tmp_path / 'textures'}: give that folder"):
+            attempt(tmp_path)
+
+
 def test_folders_that_cannot_be_baked_are_explained(tmp_path):
     (tmp_path / "x_normal.png").touch()
     with pytest.raises(InputError, match=r"no albedo .*x_normal\.png"):

@@ -6,10 +6,12 @@ from bench import cli
 from bench.btf import BTF, ArraySource
 from bench.cli.console import btf_lines
 from bench.conformance.check import tiny_btf
+from bench.data import portrait
 from bench.data.convert import write_btf
 from bench.data.portrait import draw, look
 from bench.data.readers import open_btf
-from bench.directions.hemisphere import from_angles
+from bench.directions.hemisphere import from_angles, uniform
+from bench.metrics.display import decode_srgb
 
 
 def values_of(btf):
@@ -52,6 +54,88 @@ def test_swapped_views_and_lights_are_told_from_a_missing_cosine(btf, gloss):
     (warning,) = look(like(btf, brdf * cos_o)).warnings()
     assert "views and lights seem to be swapped: exchange omega_o and omega_i" in warning
     assert "cosine seems to be missing" not in warning
+
+
+def test_theta_from_the_horizon_is_told_from_a_swap(btf):
+    cos_o, cos_i = (side[:, 2, None, None, None] for side in (btf.wo, btf.wi))
+    uneven = np.random.default_rng(0).uniform(0.9, 1, (len(btf), 16, 16, 3))
+    true_cos_i = np.sqrt(1 - cos_i**2) + 0.05
+    for one in (btf, btf.subset(btf.layout.grid[0])):
+        pairs = np.arange(len(one))
+        (warning,) = look(like(one, (uneven * true_cos_i)[pairs])).warnings()
+        assert "measured from there: give 90 - theta" in warning
+        assert "swapped" not in warning
+    (warning,) = look(like(btf, uneven * cos_o**0.9 / cos_i**0.1)).warnings()
+    assert "swapped" in warning
+
+
+CHANGES = {
+    "as given": lambda wi: wi,
+    "the light's y mirrored": lambda wi: wi * [1, -1, 1],
+    "the light's x mirrored": lambda wi: wi * [-1, 1, 1],
+    "the light's x and y exchanged": lambda wi: wi[:, [1, 0, 2]],
+}
+
+
+def scattered(change=lambda wi: wi, count=150, gloss=8):
+    """A BTF of scattered pairs of a glossy lobe, whose lights are then told in another frame."""
+    rng = np.random.default_rng(3)
+    wo, wi = uniform(rng, count), uniform(rng, count)
+    half = wo + wi
+    cos_h = half[:, 2] / np.linalg.norm(half, axis=1)
+    radiance = (0.2 + cos_h**gloss) * wi[:, 2]
+    values = radiance[:, None, None, None] * rng.uniform(0.9, 1, (count, 6, 6, 3))
+    return BTF("x", wo, change(wi).astype(np.float32), ArraySource(values.astype(np.float32)))
+
+
+@pytest.mark.parametrize("frame", CHANGES)
+def test_the_frame_of_scattered_pairs_is_checked_by_half_vectors(frame):
+    seen = look(scattered(CHANGES[frame]))
+    assert seen.lobe is None
+    assert seen.half_vectors.likely == frame
+    warnings = [warning for warning in seen.warnings() if "mirrored" in warning]
+    assert len(warnings) == (frame != "as given")
+
+
+def test_a_matt_surface_or_few_pairs_tell_nothing_of_the_frame():
+    assert look(scattered(CHANGES["the light's y mirrored"], gloss=0)).half_vectors.likely == "as given"
+    assert look(scattered(count=30)).half_vectors is None
+
+
+def test_the_exponents_of_scattered_pairs_are_found():
+    btf = scattered(gloss=0)
+    seen = look(btf)
+    assert seen.power == pytest.approx(1, abs=0.1)
+    assert seen.power_o == pytest.approx(0, abs=0.1)
+    swapped = look(BTF("x", btf.wi, btf.wo, btf.source))
+    assert any("swapped" in warning for warning in swapped.warnings())
+
+
+def test_extremes_are_of_all_slices_or_the_reader_is_told(btf, monkeypatch, tmp_path, capsys):
+    values = np.tile(values_of(btf), (5, 1, 1, 1))[:400]
+    values[397, 3, 5, 1] = 60.1
+    rng = np.random.default_rng(0)
+    many = BTF("x", uniform(rng, 400), uniform(rng, 400), ArraySource(values))
+    assert look(many).extremes[1] == pytest.approx(60.1)
+    assert "of all slices" in btf_lines(look(many))
+    monkeypatch.setattr(portrait, "SMALL", 100)
+    seen = look(many)
+    assert seen.read < 400
+    assert f"of {seen.read} of 400 slices" in btf_lines(seen)
+    monkeypatch.undo()
+    values[396, 0, 0, 0] = np.nan
+    np.savez(tmp_path / "a.npz", radiance=values, wo=many.wo, wi=many.wi)
+    assert cli.main(["info", str(tmp_path / "a.npz")]) == 2
+    assert "radiance[396]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("top", [1, 255])
+def test_values_that_are_codes_are_named(btf, top):
+    values = values_of(btf)
+    codes = np.round(values / values.max() * 255)
+    assert any("sRGB" in warning for warning in look(like(btf, codes / 255 * top)).warnings())
+    linear = decode_srgb(codes / 255)
+    assert not any("sRGB" in warning for warning in look(like(btf, linear)).warnings())
 
 
 def test_with_one_view_a_missing_cosine_and_a_swap_are_both_named(btf):

@@ -5,6 +5,7 @@ import struct
 import zlib
 
 import numpy as np
+import OpenEXR
 import png
 import pytest
 from PIL import Image, ImageCms
@@ -162,3 +163,75 @@ def test_provenance_and_fingerprint_tell_the_conversion(tmp_path):
     assert "(1 of 2 pictures)" in btf.provenance["colour_profiles"]
     assert btf.source.fingerprint() != FolderFiles(tmp_path).digest(["a.png", "b.png"])
     np.testing.assert_array_equal(btf[0], read(tmp_path / "a.png"))
+
+
+# Rec. 2020 and AP1 to Rec. 709 by the matrices of ITU-R BT.2087 (inverted there) and of ACES 1.3's ACEScg to sRGB.
+REC2020_TO_709 = [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]]
+AP1_TO_709 = [[1.70505, -0.62179, -0.08326], [-0.13026, 1.14080, -0.01055], [-0.02400, -0.12897, 1.15297]]
+AP0_TO_709 = [[2.52169, -1.13413, -0.38756], [-0.27648, 1.37272, -0.09624], [-0.01538, -0.15298, 1.16835]]
+LIGHT = np.random.default_rng(1).gamma(0.5, 5.0, (6, 5, 3)).astype(np.float32)
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+REC2020 = (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.3290)
+AP1 = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
+
+
+def write_exr(path, **header):
+    planes = {name: np.ascontiguousarray(LIGHT[..., i]) for i, name in enumerate("RGB")}
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(kind | header, planes).write(str(path))
+
+
+@pytest.mark.parametrize(
+    ("header", "matrix", "ignored"),
+    [
+        ({"chromaticities": AP1}, AP1_TO_709, []),
+        ({"chromaticities": REC2020}, REC2020_TO_709, []),
+        ({"chromaticities": REC709}, np.eye(3), []),
+        ({"colorInteropID": "lin_ap1_scene"}, AP1_TO_709, []),
+        ({"colorInteropID": "lin_ap0_scene"}, AP0_TO_709, []),
+        ({"colorInteropID": "lin_rec709_scene", "chromaticities": AP1}, np.eye(3), ["chromaticities"]),
+        ({"colorInteropID": "unknown", "chromaticities": AP1}, AP1_TO_709, ["colorInteropID unknown"]),
+        ({"oiio:ColorSpace": "ACEScg"}, AP1_TO_709, []),
+        ({"oiio:ColorSpace": "lin_rec2020"}, REC2020_TO_709, []),
+        ({"oiio:ColorSpace": "Linear", "chromaticities": AP1}, AP1_TO_709, ["oiio:ColorSpace Linear"]),
+        ({"whiteLuminance": 100.0}, np.eye(3), ["whiteLuminance"]),
+    ],
+)
+def test_a_space_that_an_exr_states_is_converted_and_what_is_ignored_is_named(tmp_path, header, matrix, ignored):
+    write_exr(tmp_path / "a.exr", **header)
+    expected = LIGHT @ np.transpose(matrix)
+    np.testing.assert_allclose(read(tmp_path / "a.exr"), expected, atol=4e-4 * LIGHT.max())
+    np.testing.assert_array_equal(read(tmp_path / "a.exr", is_colour=False), LIGHT)
+    source = PictureSource(FolderFiles(tmp_path), ["a.exr"])
+    assert source.ignored == ignored
+    assert ("ignored" in source.conversions()) == bool(ignored)
+    assert ("colour_profiles" in source.conversions()) == (not np.array_equal(matrix, np.eye(3)))
+
+
+@pytest.mark.parametrize(
+    ("header", "named"),
+    [
+        ({"colorInteropID": "srgb_rec709_scene"}, "srgb_rec709_scene"),
+        ({"oiio:ColorSpace": "sRGB"}, "sRGB"),
+        ({"chromaticities": REC709, "oiio:ColorSpace": "ACEScg"}, "ACEScg"),
+    ],
+)
+def test_a_space_of_an_exr_that_is_unknown_or_contradicts_is_refused(tmp_path, header, named):
+    write_exr(tmp_path / "a.exr", **header)
+    with pytest.raises(InputError, match=rf"a\.exr: .*{named}"):
+        read(tmp_path / "a.exr")
+
+
+def test_primaries_and_corrections_of_hdr_are_converted_and_told(tmp_path):
+    codes = np.concatenate([CODES, np.full((6, 5, 1), 128, np.uint8)], -1)
+    head = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n{}\n-Y 6 +X 5\n"
+    primaries = "PRIMARIES=" + " ".join(map(str, REC2020)) + "\n"
+    (tmp_path / "a.hdr").write_bytes(head.format(primaries).encode() + codes.tobytes())
+    np.testing.assert_allclose(read(tmp_path / "a.hdr"), CODES / 256 @ np.transpose(REC2020_TO_709), atol=2e-4)
+    files = FolderFiles(tmp_path)
+    assert "PRIMARIES" in colour_note(files, "a.hdr")
+    (tmp_path / "b.hdr").write_bytes(head.format("COLORCORR=2 1 1\nEXPOSURE=0\n").encode() + codes.tobytes())
+    source = PictureSource(files, ["b.hdr"])
+    assert "COLORCORR 2 1 1" in source.conversions()["colour_profiles"]
+    assert "EXPOSURE=0" in source.conversions()["ignored"]
+    assert source.fingerprint() != files.digest(["b.hdr"])  # earlier versions read other values

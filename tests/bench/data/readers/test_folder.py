@@ -72,6 +72,10 @@ BAD = [
     ([A, "d.png,0,0,10,0"], r"line 3: d\.png is missing"),
     ([A, "a.png,0,0,10,0"], r"line 3: a\.png already stands in .*pairs\.csv, line 2"),
     ([A, "b.png,0,0,95,0"], "line 3: theta_i_deg"),
+    ([A, "B.PNG,0,0,10,0"], r"line 3: B\.PNG is missing: b\.png differs in letter case"),
+    (HEADER.replace(",", ";").encode() + b"\na.png;0;0;0,5;0\n", "separated by semicolons: save it with commas"),
+    (HEADER.replace(",", "\t").encode() + b"\na.png\t0\t0\t0\t0\n", "separated by tabs: save it with commas"),
+    (HEADER.replace("theta", "Theta").encode() + b"\n", "with Theta_o_deg, Theta_i_deg in another letter case"),
     ([A, "b.png,90,0,0,0"], "line 3: theta_o_deg"),
     ([A, "b.png,0,0,10,4000"], "line 3: phi_i_deg"),
     ([A, B, "c.png,0,0,10,360"], "line 4: .*line 3"),
@@ -97,6 +101,12 @@ def test_bad_lists_name_the_file_and_the_line(refused, tmp_path, given, message)
     if isinstance(given, bytes):
         (folder / "pairs.csv").write_bytes(given)
     refused(folder, message)
+
+
+def test_a_list_whose_name_differs_in_letter_case_is_named(refused, tmp_path):
+    folder = make(tmp_path / "x", [A, B])
+    (folder / "pairs.csv").rename(folder / "Pairs.CSV")
+    refused(folder, r"Pairs\.CSV: .*: call the list pairs\.csv")
 
 
 def test_nan_pixels_are_named_when_the_slice_is_read(tmp_path):
