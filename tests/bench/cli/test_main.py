@@ -1,3 +1,4 @@
+import argparse
 import errno
 import importlib
 import re
@@ -16,6 +17,7 @@ from bench.codecs import loading
 from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
+from bench.inputs.errors import InputError
 
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
 
@@ -138,6 +140,58 @@ def test_bad_usage_is_one_line_and_exit_code_2(words, message, tmp_path, monkeyp
     assert cli.main(words) == 2
     error = capsys.readouterr().err
     assert message in error
+    assert error.count("\n") == 1
+
+
+def options_of(parser):
+    """Every option of a command and of its actions, each with the parser that has it."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for inner in action.choices.values():
+                yield from options_of(inner)
+        elif action.option_strings:
+            yield parser, action
+
+
+def test_every_option_of_every_command_is_repeatable_or_refused_the_second_time():
+    kept, refused = set(), set()
+    for name in commands.modules():
+        (listing,) = [action for action in cli.parser([name])._actions if isinstance(action.choices, dict)]
+        for parser, action in options_of(listing.choices[name]):
+            if action.nargs == 0:  # a switch
+                continue
+            option = action.option_strings[-1]
+            given = argparse.Namespace(**{action.dest: action.default})
+            action(parser, given, "a", option)
+            if getattr(given, action.dest) == ["a"]:
+                action(parser, given, "b", option)
+                assert getattr(given, action.dest) == ["a", "b"], (name, option)
+                kept.add((name, option))
+                continue
+            with pytest.raises(InputError, match=f"{option}: it is given twice"):
+                action(parser, given, "b", option)
+            refused.add((name, option))
+    assert {("run", "--seed"), ("run", "--codec"), ("figure", "--pair")} <= kept
+    assert {("encode", "--seed"), ("run", "--jobs"), ("propagate", "--guidance")} <= refused
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "--jobs", "2", "--jobs", "1"],
+        ["encode", "satin", "--codec", "pca", "--codec", "vq", "-o", "a.nbtf"],
+        ["run", "--seed", "1", "--seed", "1"],
+        ["run", "--set", "pca.components=3", "--set", "pca.components=4"],
+        ["run", "--scheduler", "there", "--resource", "GPU=1", "--resource", "GPU=2"],
+        ["bake", "maps", "--map", "albedo=a.png", "--map", "albedo=b.png", "-o", "a.npz"],
+        ["table", "main", "a", "--name", "pca=one", "--name", "pca=two"],
+    ],
+)
+def test_what_would_silently_keep_its_last_value_is_refused_in_one_line(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert "given twice" in error
     assert error.count("\n") == 1
 
 
