@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import io
 import os
 import signal
 import sys
@@ -44,8 +45,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.inputs.errors`.
 
     Without arguments it is the program itself, whose words are those of the shell. If a codec then left threads
-    running, the process ends without waiting for them. See `bench.cli.guard` for codecs that end it.
+    running, the process ends without waiting for them. See `bench.cli.guard` for codecs that end it. A character that
+    the terminal's encoding lacks is printed as `?`.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):  # stderr replaces such characters by itself
+        sys.stdout.reconfigure(errors="replace")
     words = list(sys.argv[1:] if argv is None else argv)
     if argv is None and guard.guarded(words):
         return guard.run(words)

@@ -1,12 +1,14 @@
 import argparse
 import errno
 import importlib
+import io
 import re
 import shlex
 import signal
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -281,6 +283,22 @@ def test_every_example_of_every_help_text_is_a_command_that_parses(capsys):
             cli.parser(words[1:]).parse_args(words[1:])
             tried += 1
     assert tried > 40
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "cp1252", "ascii"])
+def test_what_an_encoding_lacks_is_replaced_and_no_command_fails_on_it(encoding, folder, monkeypatch):
+    records = str(Path(__file__).parents[3] / "docs" / "results" / "quick.jsonl")
+    for words in (["table", "main", records], ["list", "codecs"], ["info", str(folder)]):
+        printed = io.BytesIO()
+        stream = io.TextIOWrapper(printed, encoding=encoding)
+        with monkeypatch.context() as patched:
+            patched.setattr(sys, "stdout", stream)
+            assert cli.main(words) == 0
+        stream.flush()
+        text = printed.getvalue().decode(encoding)
+        assert len(text) > 100, words
+        if words[0] == "table":  # it has arrows
+            assert ("?" in text) == (encoding != "utf-8")
 
 
 def test_without_a_command_all_are_listed_in_groups(capsys):
