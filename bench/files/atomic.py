@@ -32,6 +32,15 @@ def refuse_device(path: Path) -> None:
         raise InputError(f"{path}: it is neither a file nor a folder, so it cannot be written: give another name")
 
 
+def make_folder(path: Path, remedy: str = "choose another place") -> None:
+    """Make a folder, and those above it, unless it is there. `InputError`, with the remedy, if a file is in its way."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        in_the_way = next(place for place in (path, *path.parents) if os.path.lexists(place))
+        raise InputError(f"{in_the_way}: it is a file, where a folder is to be made: {remedy}") from error
+
+
 @contextmanager
 def temporary(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; a file or folder under that name is removed when the block ends.
@@ -39,7 +48,7 @@ def temporary(path: Path) -> Iterator[Path]:
     The name is random, so processes on several machines can write the same file without mixing their bytes. An
     `OSError` that names the temporary file or no file (a full disk) is changed to name `path`.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     partial = path.with_name(secrets.token_hex(8) + SUFFIX)
     try:
         yield partial
@@ -98,7 +107,7 @@ def locked(path: Path) -> Iterator[None]:
     The lock is a file beside `path`, removed at the end. On a file system without locks several processes may make the
     file at once; each writes it completely.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     lock = path.with_name(path.name + ".lock")
     file = _open_locked(lock)
     try:
@@ -144,7 +153,7 @@ def cache_dir() -> Path:
         folder = Path(chosen)
     else:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "neubtf-bench"
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder, "choose another $NEUBTF_CACHE")
     return folder
 
 

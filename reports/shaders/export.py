@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from bench.files.atomic import replacing, write
+from bench.files.atomic import make_folder, replacing, write
 from bench.inputs.errors import InputError
 from bench.program import Program
 from reports.shaders.dialects import DIALECTS, GLSL
@@ -71,7 +71,7 @@ def export(program: Program, name: str, language: str, folder: Path, source: str
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
     code = shader(program, DIALECTS[language])
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     function = folder / f"{name}.{language}"
     exact = folder / "exact.exr"
     half = folder / "half.exr"

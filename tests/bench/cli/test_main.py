@@ -311,6 +311,40 @@ def test_without_a_command_all_are_listed_in_groups(capsys):
     assert all(re.search(rf"^  {name} +\w", out, re.M) for name in commands.modules())
 
 
+def test_a_file_in_the_place_of_a_folder_is_one_line_that_names_it_and_exit_code_2(
+    tmp_path, folder, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    run = ["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out"]
+    assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
+    assert cli.main([*run, "run"]) == 0
+    assert cli.main(["submit", "run", "-o", "a.zip"]) == 0
+    Path("notes.txt").write_text("text")
+    for words in (
+        ["export", "a.nbtf", "-o", "notes.txt"],
+        ["verify", "a.zip", "--out", "notes.txt"],
+        ["stress", "--codec", "mean-colour", "--out", "notes.txt"],
+        [*run, "notes.txt"],
+        ["new", "codec", "my-codec", "--out", "notes.txt"],
+        ["history", "run", "--plot", "notes.txt"],
+        ["figure", "rate", "run", "-o", "notes.txt/a.png"],
+        ["submit", "run", "-o", "notes.txt/b.zip"],
+    ):
+        capsys.readouterr()
+        assert cli.main(words) == 2, words
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert "notes.txt: it is a file" in error
+    for cache in ("notes.txt", "notes.txt/cache"):
+        monkeypatch.setenv("NEUBTF_CACHE", cache)
+        assert cli.main([*run[:3], "satin", *run[4:], "other", *SMALL]) == 2
+        assert (
+            "notes.txt: it is a file, where a folder is to be made: choose another $NEUBTF_CACHE"
+            in capsys.readouterr().err
+        )
+    assert Path("notes.txt").read_text() == "text"
+
+
 def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypatch, capsys):
     def full(source, target):
         raise OSError(errno.ENOSPC, "No space left on device", str(source))
