@@ -7,7 +7,7 @@ import fcntl
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 SUFFIX = ".partial"  # of temporary names
+PNG = b"\x89PNG\r\n\x1a\n"  # how such a picture begins
 SHARED = "shared"  # the folder of the cache with networks that a user trained: see `bench.codecs.shared`
 
 
@@ -30,6 +31,30 @@ def refuse_device(path: Path) -> None:
         raise InputError(f"{path}: it is a folder: give the name of a file")
     if path.exists() and not path.is_file() and not path.is_dir():
         raise InputError(f"{path}: it is neither a file nor a folder, so it cannot be written: give another name")
+
+
+def refuse_other_kind(path: Path, ending: str, is_of_kind: Callable[[Path], bool]) -> None:
+    """Raise an `InputError` if a file of another kind has this name, such as a measurement, or a folder or a device.
+
+    A file is of the kind if its name has that ending, even a damaged one, or by its content; an empty one is of any.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: it is a folder: give the name of a file")
+    refuse_device(path)
+    if not path.is_file() or path.suffix.lower() == ending or not path.stat().st_size:
+        return
+    if not is_of_kind(path):
+        raise InputError(f"{path}: a file of another kind has this name: choose another, or remove it")
+
+
+def begins(start: bytes) -> Callable[[Path], bool]:
+    """Whether a file begins with these bytes, for `refuse_other_kind`."""
+
+    def does(path: Path) -> bool:
+        with open(path, "rb") as file:
+            return file.read(len(start)) == start
+
+    return does
 
 
 def make_folder(path: Path, remedy: str = "choose another place") -> None:

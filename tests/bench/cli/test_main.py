@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from bench import cli
 from bench.cli import commands
@@ -343,6 +344,63 @@ def test_a_file_in_the_place_of_a_folder_is_one_line_that_names_it_and_exit_code
             in capsys.readouterr().err
         )
     assert Path("notes.txt").read_text() == "text"
+
+
+def test_no_command_writes_over_a_file_of_another_kind(tmp_path, folder, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
+    assert cli.main(["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out", "run"]) == 0
+    Path("maps").mkdir()
+    Image.new("RGB", (8, 8)).save("maps/m_color.png")
+    Path("shader").mkdir()
+    Path("shader/README.md").write_text("# A project\n")
+    content = Path("a.nbtf").read_bytes()
+    for words in (
+        ["view", "a.nbtf", "-o"],
+        ["encode", str(folder), "--codec", "mean-colour", "-o"],
+        ["convert", str(folder), "-o"],
+        ["decode", "a.nbtf", "-o"],
+        ["info", str(folder), "--picture"],
+        ["score", "a.nbtf", str(folder), "--json"],
+        ["compare", "run", "run", "--markdown"],
+        ["compare", "run", "run", "--junit"],
+        ["figure", "rate", "run", "-o"],
+        ["history", "run", "-o"],
+        ["submit", "run", "-o"],
+        ["results", "add", "run"],
+        ["reference", "update", "run", "-o"],
+        ["demand", "table-top", "-o"],
+        ["render", "a.nbtf", "-o"],
+        ["bake", "maps", "-o"],
+    ):
+        for kind, before in (("b.nbtf", content), ("notes", b"some words\n")):
+            if kind == "b.nbtf" and words[0] == "encode":  # it is of this kind
+                continue
+            Path(kind).write_bytes(before)
+            capsys.readouterr()
+            assert cli.main([*words, kind]) == 2, words
+            assert kind in capsys.readouterr().err
+            assert Path(kind).read_bytes() == before, words
+    assert cli.main(["export", "a.nbtf", "-o", "shader"]) == 2
+    assert [path.name for path in Path("shader").iterdir()] == ["README.md"]
+
+
+def test_a_file_of_the_same_kind_is_replaced_by_its_name_or_its_content(tmp_path, folder, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
+    for words in (
+        ["view", "a.nbtf", "-o", "page"],
+        ["score", "a.nbtf", str(folder), "--json", "scores"],
+        ["info", str(folder), "--picture", "picture"],
+        ["encode", str(folder), "--codec", "mean-colour", "-o", "codec"],
+        ["export", "a.nbtf", "-o", "shader"],
+    ):
+        place = Path(words[-1])
+        if words[0] != "export":
+            place.write_bytes(b"")  # an empty one holds nothing that could be lost
+        assert cli.main(words) == cli.main(words) == 0
+    Path("page.html").write_text("not whole")
+    assert cli.main(["view", "a.nbtf", "-o", "page.html"]) == 0
 
 
 def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypatch, capsys):
