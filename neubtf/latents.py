@@ -9,7 +9,7 @@ from PIL import Image
 from torch import Tensor
 
 from bench.btf import box_filter
-from bench.files.atomic import replacing
+from bench.files.atomic import PNG, begins, refuse_other_kind, replacing
 from bench.inputs.errors import writable
 
 SIDE = 192  # least pixels of a channel's longer side, which has fewer than twice as many
@@ -55,5 +55,6 @@ def sheet(texture: Tensor) -> np.ndarray:
 
 def draw(texture: Tensor, out: Path) -> None:
     """Write the contact sheet of a texture (H, W, D) as a PNG. `InputError` if `out` cannot be written."""
+    refuse_other_kind(out, ".png", begins(PNG))
     with writable(out), replacing(out) as partial:
         Image.fromarray(sheet(texture)).save(partial, format="png", optimize=True)

@@ -15,7 +15,8 @@ from reports.table import Table
 
 
 def new_names(words: Sequence[str]) -> dict[str, str]:
-    """A dict from old names to new ones, from words `OLD=NEW`; `InputError` for a word without an old name.
+    """A dict from old names to new ones, from words `OLD=NEW`; `InputError` for a word without an old name, and
+    for an old name that is given twice.
 
     The last `=` divides, because an old name may be a label with settings, `neubtf steps=100`.
     """
@@ -24,6 +25,8 @@ def new_names(words: Sequence[str]) -> dict[str, str]:
         old, _, new = word.rpartition("=")
         if not old:
             raise InputError("--name: write WORD=NAME, such as 'neubtf-direct=NeuBTF, direct'")
+        if old in names:
+            raise InputError(f"--name {word}: {old} is given twice: give it once")
         names[old] = new
     return names
 

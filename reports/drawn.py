@@ -72,13 +72,13 @@ def _with_names_and_width(figure: Figure, wanted: Wanted) -> Figure:
     drawing = sheet.drawing if sheet else figure.drawing
     assert isinstance(drawing, Drawing)
     texts = [text for text in drawing.findobj(Text) if isinstance(text, Text)]  # the condition is for the type checker
-    for text in texts:
-        text.set_text(wanted.choice.said(text.get_text()))
-    if wanted.width and sheet:
-        _scale(drawing, wanted.width * CM, texts)
-    elif wanted.width:
-        _narrow(drawing, wanted.width * CM)
-    with style():  # the fonts of figures, which a PNG needs as well
+    with style():  # a layout and a PNG need it as well
+        for text in texts:
+            text.set_text(wanted.choice.said(text.get_text()))
+        if wanted.width and sheet:
+            _scale(drawing, wanted.width * CM, texts)
+        elif wanted.width:
+            _narrow(drawing, wanted.width * CM)
         content = sheet.png() if sheet else png(drawing)
     return replace(figure, png=content)
 

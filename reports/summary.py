@@ -51,7 +51,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
         row, score = _standing_cells(standing, measured, chosen)
         rows.append(row)
         scores.append(score)
-    notes: list[str] = ["Means over seeds, then over materials: docs/metrics.md, “Tables”."]
+    notes: list[str] = ["Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR."]
     notes += [*scene_notes(measured), *_lacking(measured)]
     # To the right, the differences to one row; they are never marked.
     if intervals:

@@ -27,6 +27,22 @@ def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def users_settings() -> Callable[[], Any]:
+    """A context in which Matplotlib has what a user's matplotlibrc may ask for; there is no LaTeX of that name."""
+    import matplotlib
+
+    asked = {"text.usetex": True, "font.size": 21.0, "legend.fontsize": 3.0, "lines.linewidth": 7.0}
+    asked |= {"figure.dpi": 40.0, "savefig.bbox": "tight", "savefig.facecolor": "red", "axes.facecolor": "green"}
+    asked |= {
+        "axes.labelcolor": "red",
+        "image.origin": "lower",
+        "image.cmap": "hot",
+        "axes.prop_cycle": "cycler('color', ['r'])",
+    }
+    return lambda: matplotlib.rc_context(asked)
+
+
+@pytest.fixture
 def brief(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cache of its own, and timings of three turns."""
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))

@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import io
 import os
 import signal
 import sys
@@ -9,6 +10,7 @@ import textwrap
 import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import bench
 from bench.cli import commands, guard
@@ -43,8 +45,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.inputs.errors`.
 
     Without arguments it is the program itself, whose words are those of the shell. If a codec then left threads
-    running, the process ends without waiting for them. See `bench.cli.guard` for codecs that end it.
+    running, the process ends without waiting for them. See `bench.cli.guard` for codecs that end it. A character that
+    the terminal's encoding lacks is printed as `?`.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):  # stderr replaces such characters by itself
+        sys.stdout.reconfigure(errors="replace")
     words = list(sys.argv[1:] if argv is None else argv)
     if argv is None and guard.guarded(words):
         return guard.run(words)
@@ -153,13 +158,36 @@ def _of_package(run: Callable[..., int], options: argparse.Namespace) -> int:
     return run(options, Console())
 
 
+class _Once(argparse.Action):
+    """Stores the value of an option, and refuses a second one: argparse would keep the last without a word."""
+
+    is_given = False
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, value: Any, option: str | None = None
+    ) -> None:
+        if option and self.is_given:
+            raise InputError(f"{option}: it is given twice: give it once")
+        self.is_given = True
+        setattr(namespace, self.dest, value)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser, for one command line, of options that are repeatable, or given once."""
+
+    def __init__(self, *words: Any, **options: Any):
+        super().__init__(*words, **options)
+        self.register("action", None, _Once)  # of an option that names no action
+        self.register("action", "store", _Once)
+
+
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of the wanted command; the others are only listed, not imported. `InputError` if there is none."""
     known = commands.modules()
     about = "Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample."
     if not (wanted and wanted[0] in known):  # the list of commands is shown where none is wanted
         about += f"\n\n{commands.grouped(known)}"
-    top = argparse.ArgumentParser(
+    top = _Parser(
         prog="neubtf-bench",
         description=about,
         epilog=EVERYDAY,

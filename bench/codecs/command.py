@@ -31,6 +31,7 @@ from torch import Tensor
 from bench.btf import BTF
 from bench.btf.npz import write_npz
 from bench.codec import Codec, Fit, Parts
+from bench.files.atomic import make_folder
 from bench.inputs.errors import CodecError, ContainerError, InputError
 from bench.inputs.settings import Positive
 from bench.material import DecoderCost, Material
@@ -99,7 +100,7 @@ class Programs(Codec):
         with tempfile.TemporaryDirectory(prefix="neubtf-command-") as scratch:
             btf_file = Path(scratch) / "training.npz"
             files = Path(scratch) / "files"
-            files.mkdir()
+            make_folder(files)
             write_npz(btf, btf_file)
             # 31 bits of the seed, because many programs keep a seed in a signed int32.
             values = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
@@ -204,7 +205,7 @@ class ProgramMaterial(Material):
         self.waited = 0.0  # seconds spent waiting for answers
         scratch = tempfile.TemporaryDirectory(prefix="neubtf-command-")
         self.folder = Path(scratch.name)
-        (self.folder / "files").mkdir()
+        make_folder(self.folder / "files")
         for name, content in contents.items():
             (self.folder / "files" / name).write_bytes(content)
         words = _words(command, {"files": self.folder / "files"})

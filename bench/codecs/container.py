@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from bench.files import atomic
-from bench.inputs.errors import ContainerError, EncodeError, InputError, answered, installed, refuse_pipe, shown
+from bench.inputs.errors import ContainerError, EncodeError, answered, installed, refuse_pipe, shown
 from bench.records import fields as record_fields
 from bench.records.schema import FileMetadata
 
@@ -75,15 +75,16 @@ class Header:
 
 def refuse_other_file(path: Path) -> None:
     """Raise an `InputError` if a file of another kind has this name, such as a measurement, or a folder or a device."""
-    if path.is_dir():
-        raise InputError(f"{path}: it is a folder: give the name of a file")
-    atomic.refuse_device(path)
-    if not path.is_file() or path.suffix == SUFFIX:  # nothing is there, or by its name a codec file, even a damaged one
-        return
+    atomic.refuse_other_kind(path, SUFFIX, _is_codec_file)
+
+
+def _is_codec_file(path: Path) -> bool:
+    """Whether a file has the header of a codec file."""
     try:
         read_header(path)
     except ContainerError:
-        raise InputError(f"{path}: a file of another kind has this name: choose another, or remove it") from None
+        return False
+    return True
 
 
 def save(path: Path, codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None = None) -> Header:

@@ -20,7 +20,7 @@ import torch
 from bench.btf import BAKED, BTF, RENDERED
 from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork, settings_dict
 from bench.codecs import container
-from bench.files.atomic import SHARED, cache_dir
+from bench.files.atomic import SHARED, cache_dir, make_folder
 from bench.inputs.errors import ContainerError, InputError, MissingDataError
 
 
@@ -128,7 +128,7 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     replaced = None
     if path.exists():
         replaced = container.read_header(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     fingerprints = [btf.fingerprint for btf in btfs]
     origins = [origin(btf) for btf in btfs]
     seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]  # by `train`; `unseen` are those of its curve

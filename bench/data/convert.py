@@ -76,7 +76,7 @@ def write_maps(maps: dict[str, Array], out: Path) -> None:
 
     check_place(out)
     with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:
-        partial.mkdir()
+        atomic.make_folder(partial)
         for name, picture in maps.items():
             Image.fromarray(picture).save(partial / f"{name}.png", format="png", optimize=True)
 

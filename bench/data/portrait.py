@@ -25,6 +25,7 @@ from bench.data.materials import maps
 from bench.data.readers.checks import codes, negative
 from bench.directions.hemisphere import thin, to_degrees
 from bench.files.atomic import replacing
+from bench.files.plots import default_settings
 from bench.inputs.errors import visible, writable
 from bench.metrics.display import exposure_of, to_display
 
@@ -421,6 +422,7 @@ def _explained(rest: Array, angle: Array) -> tuple[float, Array]:
     return float((rest**2).sum() - (unexplained**2).sum()), amplitudes
 
 
+@default_settings()
 def draw(seen: Look, out: Path) -> None:
     """Write a PNG: the directions in polar plots, a histogram of the values, and the contact sheet with angles. Raises
     `InputError` if `out` cannot be written."""

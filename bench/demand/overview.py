@@ -17,6 +17,7 @@ from bench.btf import Array
 from bench.demand.demand import Demand
 from bench.directions.hemisphere import to_degrees
 from bench.files.atomic import replacing
+from bench.files.plots import default_settings
 from bench.metrics.display import exposure_of, to_display
 
 COVERAGE = 64  # most cells along each side of the map of visible texture
@@ -90,6 +91,7 @@ def _coverage(demand: Demand) -> Array:
     return np.histogram2d(row, col, side, [[0, 1], [0, 1]], weights=demand.importance)[0]
 
 
+@default_settings()
 def draw(demand: Demand, path: Path) -> None:
     """A PNG: a frame on a white diffuser, the views and lights, the visible part of the texture, and footprints."""
     figure = Figure(figsize=(14, 7), layout="constrained")

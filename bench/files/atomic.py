@@ -7,7 +7,7 @@ import fcntl
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 SUFFIX = ".partial"  # of temporary names
+PNG = b"\x89PNG\r\n\x1a\n"  # how such a picture begins
 SHARED = "shared"  # the folder of the cache with networks that a user trained: see `bench.codecs.shared`
 
 
@@ -32,6 +33,39 @@ def refuse_device(path: Path) -> None:
         raise InputError(f"{path}: it is neither a file nor a folder, so it cannot be written: give another name")
 
 
+def refuse_other_kind(path: Path, ending: str, is_of_kind: Callable[[Path], bool]) -> None:
+    """Raise an `InputError` if a file of another kind has this name, such as a measurement, or a folder or a device.
+
+    A file is of the kind if its name has that ending, even a damaged one, or by its content; an empty one is of any.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: it is a folder: give the name of a file")
+    refuse_device(path)
+    if not path.is_file() or path.suffix.lower() == ending or not path.stat().st_size:
+        return
+    if not is_of_kind(path):
+        raise InputError(f"{path}: a file of another kind has this name: choose another, or remove it")
+
+
+def begins(start: bytes) -> Callable[[Path], bool]:
+    """Whether a file begins with these bytes, for `refuse_other_kind`."""
+
+    def does(path: Path) -> bool:
+        with open(path, "rb") as file:
+            return file.read(len(start)) == start
+
+    return does
+
+
+def make_folder(path: Path, remedy: str = "choose another place") -> None:
+    """Make a folder, and those above it, unless it is there. `InputError`, with the remedy, if a file is in its way."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        in_the_way = next(place for place in (path, *path.parents) if os.path.lexists(place))
+        raise InputError(f"{in_the_way}: it is a file, where a folder is to be made: {remedy}") from error
+
+
 @contextmanager
 def temporary(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; a file or folder under that name is removed when the block ends.
@@ -39,7 +73,7 @@ def temporary(path: Path) -> Iterator[Path]:
     The name is random, so processes on several machines can write the same file without mixing their bytes. An
     `OSError` that names the temporary file or no file (a full disk) is changed to name `path`.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     partial = path.with_name(secrets.token_hex(8) + SUFFIX)
     try:
         yield partial
@@ -98,7 +132,7 @@ def locked(path: Path) -> Iterator[None]:
     The lock is a file beside `path`, removed at the end. On a file system without locks several processes may make the
     file at once; each writes it completely.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     lock = path.with_name(path.name + ".lock")
     file = _open_locked(lock)
     try:
@@ -144,7 +178,7 @@ def cache_dir() -> Path:
         folder = Path(chosen)
     else:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "neubtf-bench"
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder, "choose another $NEUBTF_CACHE")
     return folder
 
 

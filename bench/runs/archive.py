@@ -136,7 +136,7 @@ def unpack(path: Path, folder: Path) -> Run:
         most = min(MOST_BYTES, max(LEAST_BYTES, RATIO * files.length))
         if sum(map(files.size, files.entries)) > most:
             raise InputError(f"{path}: it unpacks to more than {most >> 20:,} MiB: submit and verify it in parts")
-        (folder / "files").mkdir(parents=True, exist_ok=True)
+        atomic.make_folder(folder / "files")
         for name in files.entries:
             (folder / name).write_bytes(files.read(name))
     except OSError as error:

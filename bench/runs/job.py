@@ -293,7 +293,7 @@ class Attempt:
         """Fit the codec and write its file; returns the facts of the fit, too."""
         task = self.task
         training = self.workbench.training
-        path.parent.mkdir(parents=True, exist_ok=True)  # a codec of anyone may save its checkpoint there at once
+        atomic.make_folder(path.parent)  # a codec of anyone may save its checkpoint there at once
         fit = new_fit(
             self.codec,
             training,

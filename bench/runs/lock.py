@@ -18,7 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.files.atomic import is_still
+from bench.files.atomic import is_still, make_folder
 from bench.inputs.errors import InputError, writable
 
 log = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ def locked(folder: Path, run: str) -> Iterator[None]:
     meanwhile, because this process was suspended, is left to it.
     """
     with writable(folder, "choose another --out"):  # turns an error of writing into an `InputError` with this remedy
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         file = _acquire(folder, run)
     done = threading.Event()
 

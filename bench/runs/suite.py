@@ -232,13 +232,13 @@ def _metrics(key: str, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def with_changes(
-    suite: Suite, materials: list[str], codecs: list[str], changes: dict[str, str], seed: int | None
+    suite: Suite, materials: list[str], codecs: list[str], changes: dict[str, str], seeds: Sequence[int] = ()
 ) -> Suite:
-    """The suite with the choices of the command line; an empty choice, and no `seed`, leave it as it is.
+    """The suite with the choices of the command line; an empty choice leaves it as it is.
 
     With `materials`, every codec runs on these alone. With `codecs`, only these run, by default settings if the suite
     does not name them. `changes` are values of settings by `data.KEY`, by `CODEC.KEY`, or by `KEY` for every codec that
-    has it. With `seed`, it is the only one.
+    has it. With `seeds`, these are the only ones.
     """
     if materials:
         spec_of_name = {spec.name: spec for spec in suite.materials}
@@ -259,8 +259,11 @@ def with_changes(
         suite = dataclasses.replace(suite, codecs=tuple(chosen_codecs))
     for key, value in changes.items():
         suite = _with_change(suite, key, value)
-    if seed is not None:
-        suite = dataclasses.replace(suite, seeds=(seed,))
+    if seeds:
+        twice = _first_repeated(map(str, seeds))
+        if twice:
+            raise InputError(f"--seed {twice}: it is given twice: leave one out")
+        suite = dataclasses.replace(suite, seeds=tuple(seeds))
     return suite
 
 

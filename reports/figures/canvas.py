@@ -23,6 +23,7 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 from PIL import Image
 
+from bench.files.plots import default_settings
 from bench.records import Run
 from reports.rows import MaterialRows, materials
 
@@ -51,10 +52,11 @@ class Figure:
     def vector(self, format: str) -> bytes:
         """The figure in the format "svg" or "pdf", of its drawing; the same drawing gives the same bytes."""
         assert self.drawing
-        if isinstance(self.drawing, Sheet):
-            with self.drawing.layered() as drawing:
-                return _saved(drawing, format)
-        return _saved(self.drawing, format)
+        with style():
+            if isinstance(self.drawing, Sheet):
+                with self.drawing.layered() as drawing:
+                    return _saved(drawing, format)
+            return _saved(self.drawing, format)
 
 
 def _saved(drawing: Drawing, format: str) -> bytes:
@@ -62,8 +64,7 @@ def _saved(drawing: Drawing, format: str) -> bytes:
     # What Matplotlib would write of itself and of the time. A value of None leaves it out, so that bytes stay the same.
     left_out = ("Date", "Creator") if format == "svg" else ("CreationDate", "Creator", "Producer")
     out = io.BytesIO()
-    with style():
-        drawing.savefig(out, format=format, metadata=dict.fromkeys(left_out))
+    drawing.savefig(out, format=format, metadata=dict.fromkeys(left_out))
     return out.getvalue()
 
 
@@ -84,7 +85,7 @@ def style() -> Iterator[None]:
         "pdf.fonttype": 42,  # journals refuse fonts of type 3
         "axes.unicode_minus": True,
     }
-    with matplotlib.rc_context(settings), warnings.catch_warnings():
+    with default_settings(), matplotlib.rc_context(settings), warnings.catch_warnings():
         # A label may have letters that the font lacks.
         warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)
         yield

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from bench.files.atomic import replacing, write
+from bench.files.atomic import begins, make_folder, refuse_other_kind, replacing, write
 from bench.inputs.errors import InputError
 from bench.program import Program
 from reports.shaders.dialects import DIALECTS, GLSL
@@ -71,11 +71,12 @@ def export(program: Program, name: str, language: str, folder: Path, source: str
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
     code = shader(program, DIALECTS[language])
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
+    readme = folder / "README.md"
+    refuse_other_kind(readme, "", begins(f"# {name} as ".encode()))  # that of a project, or of another material
     function = folder / f"{name}.{language}"
     exact = folder / "exact.exr"
     half = folder / "half.exr"
-    readme = folder / "README.md"
     write(function, code.text.encode())
     for path, array in ((exact, code.exact), (half, code.half)):
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -29,6 +29,23 @@ def drawn(folder, *words, out="figure.svg"):
     return path
 
 
+def test_a_users_settings_of_matplotlib_reach_no_figure_and_no_report(folder, users_settings):
+    def report_and_figures():
+        assert cli.main(["report", str(folder)]) == 0
+        figures = folder / "figures"
+        found = {path.name: path.read_bytes() for path in [*figures.iterdir(), folder / "report.html"]}
+        for kind in ("pairs", "rate"):
+            for width in ([], ["--width", "8"]):
+                for end in ("png", "pdf"):
+                    found[kind, *width, end] = drawn(folder, kind, *width, out=f"a.{end}").read_bytes()
+        return found
+
+    plain = report_and_figures()
+    with users_settings():
+        again = report_and_figures()
+    assert [name for name, content in plain.items() if again[name] != content] == []
+
+
 def texts(svg):
     return re.findall(r"<!-- (.*?) -->", svg.read_text(encoding="utf-8"))
 

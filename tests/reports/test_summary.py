@@ -29,6 +29,17 @@ def test_a_summary_ranks_codecs_over_materials(made):
     assert "Summary over 2 materials: satin, brick" in table_text(made.folder)
 
 
+def test_a_summary_is_sorted_by_mean_rank_then_psnr_as_its_note_says(made):
+    psnrs_of = {"satin": (40.0, 31.0, 30.0, 10.0), "brick": (20.0, 22.0, 23.0, 10.0), "wool": (20.0, 22.0, 21.0, 10.0)}
+    for material, psnrs in psnrs_of.items():
+        for label, psnr in zip(("high", "mid", "pca", "low"), psnrs, strict=True):
+            made.job(label, material=material, psnr=psnr)
+    table = summary_table(load_run(made.folder))
+    rows = [(row[0], row[2], row[4]) for row in table.rows]
+    assert rows == [("mid", "1.7", "25.00"), ("pca", "2.0", "24.67"), ("high", "2.3", "26.67"), ("low", "4.0", "10.00")]
+    assert any("sorted by mean rank" in note for note in table.notes)
+
+
 def test_a_codec_without_error_ranks_first_and_one_alone_has_no_summary(made):
     assert summary_table(load_run(made.job("table", psnr=100.0).folder)) is None
     table = summary_table(load_run(made.job("pca").folder))

@@ -59,11 +59,19 @@ def grouped(known: dict[str, str]) -> str:
 
 
 def assignments(words: list[str], option: str = "--set", form: str = "KEY=VALUE") -> dict[str, str]:
-    """The words `KEY=VALUE` that an option was given, as a dictionary; `form` is how errors write the words."""
+    """The words `KEY=VALUE` that an option was given, as a dictionary; `form` is how errors write the words.
+
+    `InputError` for a word without a key or a value, and for a key that is given twice.
+    """
+    value_of_key: dict[str, str] = {}
     for word in words:
-        if "=" not in word:
+        key, is_assigned, value = word.partition("=")
+        if not (key and is_assigned):
             raise InputError(f"{option} {word}: write {form}")
-    return dict(word.split("=", 1) for word in words)
+        if key in value_of_key:
+            raise InputError(f"{option} {word}: {key} is given twice: give it once")
+        value_of_key[key] = value
+    return value_of_key
 
 
 def several(parser: argparse.ArgumentParser, option: str, words: str, form: str | None = None) -> None:

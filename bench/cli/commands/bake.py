@@ -9,7 +9,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import seed_option
+from bench.cli.commands import assignments, seed_option
 from bench.cli.console import Console
 from bench.data.bake import bake, read_surface, recognise, table
 from bench.data.spec import Preparation
@@ -51,15 +51,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _files_of_maps(words: list[str]) -> dict[str, str]:
     """The files of `--map MAP=FILE` by map."""
-    file_of_map: dict[str, str] = {}
-    for word in words:
-        role, _, file = word.partition("=")
-        fault = ""
-        if role in file_of_map:
-            fault = "it is given twice"
-        elif not (role and file):
-            fault = "it is not MAP=FILE"
-        if fault:
-            raise InputError(f"--map {word}: {fault}: give one like albedo=photo.png")
-        file_of_map[role] = file
+    form = "MAP=FILE, such as albedo=photo.png"
+    file_of_map = assignments(words, "--map", form)
+    for role, file in file_of_map.items():
+        if not file:
+            raise InputError(f"--map {role}=: write {form}")
     return file_of_map

@@ -198,11 +198,11 @@ def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
 
 def _suite(options: argparse.Namespace) -> "Suite":
     """The suite that the options name, for one material."""
-    suite = with_changes(load_suite(options.suite), [options.material], options.codec, changes={}, seed=None)
+    suite = with_changes(load_suite(options.suite), [options.material], options.codec, changes={})
     if options.steps is None:
         return suite
     try:
-        return with_changes(suite, materials=[], codecs=[], changes={"steps": str(options.steps)}, seed=None)
+        return with_changes(suite, materials=[], codecs=[], changes={"steps": str(options.steps)})
     except InputError as error:
         raise InputError(f"--steps {options.steps}: {error}") from error
 

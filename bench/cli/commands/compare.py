@@ -18,6 +18,7 @@ from pathlib import Path
 from bench.cli.commands import several, write_text
 from bench.compare.comparison import compare, compare_extremes
 from bench.compare.forms import annotations, junit, tracker
+from bench.files.atomic import begins, refuse_other_kind
 from bench.inputs.errors import InputError
 from bench.records import load_run
 from reports.comparison import markdown, terminal
@@ -52,6 +53,10 @@ def run(options: argparse.Namespace) -> int:
         text, code = compare_extremes(base, new, options.codec, options.allow)
         print(text)
         return code
+    if options.markdown:
+        refuse_other_kind(options.markdown, ".md", begins(b"### neubtf-bench"))
+    if options.junit:
+        refuse_other_kind(options.junit, ".xml", begins(b"<?xml"))
     comparison = compare(base, new, options.material, options.codec, options.allow)
     print(terminal(comparison))
     if options.annotations:

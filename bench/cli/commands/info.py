@@ -13,6 +13,7 @@ from bench.cli.console import btf_lines, file_lines
 from bench.codecs.container import read_header
 from bench.data.open import open_named
 from bench.data.portrait import draw, look
+from bench.files.atomic import PNG, begins, refuse_other_kind
 from bench.inputs.errors import FINE, InputError
 
 
@@ -32,6 +33,8 @@ def run(options: argparse.Namespace) -> int:
         print(file_lines(read_header(path)))
         return FINE
 
+    if options.picture:
+        refuse_other_kind(options.picture, ".png", begins(PNG))
     portrait = look(open_named(options.path, read_as(options)))
     print(btf_lines(portrait))
     if options.picture:

@@ -41,7 +41,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
     reading_options(parser)
     add("--demand", help="an .npz of `demand`: score in its scene too; codecs with scene=true fit to it")
-    add("--seed", type=seed_option, help="run only this seed, instead of the suite's")
+    only = "run only this seed, instead of the suite's; repeatable"
+    add("--seed", type=seed_option, action="append", default=[], metavar="SEED", help=only)
     add("--fresh", action="store_true", help="fit and score finished jobs again")
     add("--retry-failed", action="store_true", help="try failed jobs again")
     jobs = "how many jobs at once, each in its own process (and on its own GPU); "
@@ -110,11 +111,9 @@ def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
     if options.scheduler:
         if options.jobs != 1:
             raise InputError("--jobs, --scheduler: give only one of them; the scheduler knows how many workers it has")
-        resources = {}
+        counts = assignments(options.resource, "--resource", "NAME=COUNT, such as GPU=1")
         try:
-            for word in options.resource:
-                name, count = word.split("=")
-                resources[name] = float(count)
+            resources = {name: float(count) for name, count in counts.items()}
         except ValueError:
             raise InputError(f"--resource {' '.join(options.resource)}: write NAME=COUNT, such as GPU=1") from None
         return partial(executors.dask, options.scheduler, resources)

@@ -20,6 +20,7 @@ from bench.cli.commands import assignments, read_as, reading_options, threads, u
 from bench.cli.console import Console
 from bench.codecs.container import read_header
 from bench.data.open import open_named
+from bench.files.atomic import begins, refuse_other_kind
 from bench.inputs.errors import FINE, InputError
 from bench.records import Job
 from bench.runs.library import score
@@ -46,6 +47,8 @@ def run(options: argparse.Namespace) -> int:
         if not key.startswith("data."):
             raise InputError(f"--set {key}: the file has its codec's settings already; only data.KEY can be set here")
     changes |= read_as(options)
+    if options.json:
+        refuse_other_kind(options.json, ".json", begins(b"{"))
     if not options.file.is_dir():
         read_header(options.file)  # report a wrong file before anything is rendered
     with Console() as console:

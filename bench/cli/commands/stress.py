@@ -25,6 +25,7 @@ from bench.conformance.stress import run as stress
 from bench.conformance.stress.case import subject_of
 from bench.conformance.stress.properties import data_hold, query_holds
 from bench.conformance.stress.run import chosen
+from bench.files.atomic import make_folder
 from bench.inputs.errors import FINE, NO, InputError, writable
 from bench.machine.threads import cores
 from bench.records import STRESS
@@ -63,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     if not cases:
         raise InputError("--cheap: none of the cases given is cheap: leave it out")
     with writable(options.out, "choose another --out"):
-        options.out.mkdir(parents=True, exist_ok=True)
+        make_folder(options.out)
     start: records.RunStart = {"kind": "run", "suite": "stress", "device": "cpu"}
     records.append(options.out, start | provenance())
     tried: list[records.Stress] = []

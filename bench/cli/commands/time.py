@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     """Time the settings, or with --variants their executions and precisions, and print the table; returns the exit
     code."""
     changes = assignments(options.set)
-    suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, seed=None)
+    suite = with_changes(load_suite(options.suite), options.material, options.codec, changes)
     folder = options.out or Path("runs") / f"{suite.name}-times"
     device = usable_device(options.device)
     with Console() as console:

@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the suite, measure its choices and write the report; returns `FAILED` if a job failed, `NOTHING` if all
     did."""
     changes = assignments(options.set)
-    suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, seed=None)
+    suite = with_changes(load_suite(options.suite), options.material, options.codec, changes)
     folder = options.out or Path("runs") / suite.name
     device = usable_device(options.device)
     with Console() as console:

@@ -21,6 +21,7 @@ from tabulate import tabulate
 
 from bench.cli.commands import assignments, say_line, several
 from bench.cli.console import Console
+from bench.files.atomic import make_folder
 from bench.inputs.errors import FINE, NO, NOTHING, InputError, did_you_mean, visible
 from bench.records import FILE
 from bench.runs.archive import AGREES, DIFFERS, unpack, verify
@@ -49,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
         materials = {job["material"] for job in submitted.jobs}
         for name in sorted(places.keys() - materials):
             raise InputError(f"--material {name}: the archive has no such material{did_you_mean(name, materials)}")
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         verdicts = list(verify(submitted, folder, console.show, places))
     rows = []
     for each in verdicts:

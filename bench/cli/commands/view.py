@@ -39,6 +39,8 @@ def run(options: argparse.Namespace) -> int:
     """Write the page, and open it in the browser unless a place is given; returns the exit code."""
     if options.set and not options.truth:
         raise InputError("--set: it says how --truth is prepared: give --truth, too")
+    if options.out:
+        atomic.refuse_other_kind(options.out, ".html", atomic.begins(b"<!DOCTYPE html>"))
     changes = assignments(options.set)
     with Console() as console:
         models = []

@@ -73,7 +73,7 @@ class Partial:
         self.out = out
         digest = hashlib.sha256(key.encode()).hexdigest()
         self.folder = out.with_name(f".{out.name}.{digest[:16]}.baking")
-        self.folder.mkdir(exist_ok=True)
+        atomic.make_folder(self.folder)
         path = self.folder / "values.npy"
         self.done = 0
         if path.exists():

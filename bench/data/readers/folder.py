@@ -29,6 +29,7 @@ from bench.data.readers.files import Candidate, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.directions.hemisphere import to_degrees
 from bench.files.archive import inside
+from bench.files.atomic import make_folder
 from bench.inputs.errors import NO_PLACE, InputError, readable
 
 LIST, NOTES = "pairs.csv", "btf.json"
@@ -170,7 +171,7 @@ def write_folder(btf: BTF, path: str | Path) -> None:
     folder = Path(path)
     if (folder / LIST).exists():
         raise InputError(f"{folder}: it already holds {LIST}: choose another folder")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     names = [f"{index:05d}.exr" for index in range(len(btf))]
     for name, picture in zip(names, btf, strict=True):
         write_exr(folder / name, picture)

@@ -27,13 +27,14 @@ from bench.data.readers import exr, radiance
 from bench.data.readers.colour import Colour, srgb_by_profile, stated_colour
 from bench.data.readers.files import HEAD, Files, FolderFiles
 from bench.data.readers.orientation import late_orientation, orientation, png_chunks, upright, upright_size
+from bench.files.atomic import PNG
 from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
 MAX_PIXELS = 1 << 26  # of one picture
 PIXELS_PER_BYTE = 8192  # the most that a byte of a file may claim
 PNG_BITS = 24  # offset of the byte in a PNG that holds the bits a channel
-_STARTS = {b"\xff\xd8\xff": "jpeg", b"\x89PNG\r\n\x1a\n": "png", b"\x76\x2f\x31\x01": "exr", b"#?": "hdr"}
+_STARTS = {b"\xff\xd8\xff": "jpeg", PNG: "png", b"\x76\x2f\x31\x01": "exr", b"#?": "hdr"}
 SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
 # The kinds of JPEG that are read, by the marker of the frame header, which holds the size: baseline, extended and
 # progressive, then extended and progressive with arithmetic coding.

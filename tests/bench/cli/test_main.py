@@ -1,14 +1,18 @@
+import argparse
 import errno
 import importlib
+import io
 import re
 import shlex
 import signal
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from bench import cli
 from bench.cli import commands
@@ -16,6 +20,7 @@ from bench.codecs import loading
 from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
+from bench.inputs.errors import InputError
 
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
 
@@ -141,6 +146,58 @@ def test_bad_usage_is_one_line_and_exit_code_2(words, message, tmp_path, monkeyp
     assert error.count("\n") == 1
 
 
+def options_of(parser):
+    """Every option of a command and of its actions, each with the parser that has it."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for inner in action.choices.values():
+                yield from options_of(inner)
+        elif action.option_strings:
+            yield parser, action
+
+
+def test_every_option_of_every_command_is_repeatable_or_refused_the_second_time():
+    kept, refused = set(), set()
+    for name in commands.modules():
+        (listing,) = [action for action in cli.parser([name])._actions if isinstance(action.choices, dict)]
+        for parser, action in options_of(listing.choices[name]):
+            if action.nargs == 0:  # a switch
+                continue
+            option = action.option_strings[-1]
+            given = argparse.Namespace(**{action.dest: action.default})
+            action(parser, given, "a", option)
+            if getattr(given, action.dest) == ["a"]:
+                action(parser, given, "b", option)
+                assert getattr(given, action.dest) == ["a", "b"], (name, option)
+                kept.add((name, option))
+                continue
+            with pytest.raises(InputError, match=f"{option}: it is given twice"):
+                action(parser, given, "b", option)
+            refused.add((name, option))
+    assert {("run", "--seed"), ("run", "--codec"), ("figure", "--pair")} <= kept
+    assert {("encode", "--seed"), ("run", "--jobs"), ("propagate", "--guidance")} <= refused
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "--jobs", "2", "--jobs", "1"],
+        ["encode", "satin", "--codec", "pca", "--codec", "vq", "-o", "a.nbtf"],
+        ["run", "--seed", "1", "--seed", "1"],
+        ["run", "--set", "pca.components=3", "--set", "pca.components=4"],
+        ["run", "--scheduler", "there", "--resource", "GPU=1", "--resource", "GPU=2"],
+        ["bake", "maps", "--map", "albedo=a.png", "--map", "albedo=b.png", "-o", "a.npz"],
+        ["table", "main", "a", "--name", "pca=one", "--name", "pca=two"],
+    ],
+)
+def test_what_would_silently_keep_its_last_value_is_refused_in_one_line(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert "given twice" in error
+    assert error.count("\n") == 1
+
+
 @pytest.mark.parametrize("words", [["encode", "satin", "--codec", "pca"], ["run"], ["bake", "maps"], ["sampling", "a"]])
 def test_a_seed_is_one_of_those_of_a_suite(words, capsys):
     for seed in ("-1", "99999999999"):
@@ -229,6 +286,22 @@ def test_every_example_of_every_help_text_is_a_command_that_parses(capsys):
     assert tried > 40
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "cp1252", "ascii"])
+def test_what_an_encoding_lacks_is_replaced_and_no_command_fails_on_it(encoding, folder, monkeypatch):
+    records = str(Path(__file__).parents[3] / "docs" / "results" / "quick.jsonl")
+    for words in (["table", "main", records], ["list", "codecs"], ["info", str(folder)]):
+        printed = io.BytesIO()
+        stream = io.TextIOWrapper(printed, encoding=encoding)
+        with monkeypatch.context() as patched:
+            patched.setattr(sys, "stdout", stream)
+            assert cli.main(words) == 0
+        stream.flush()
+        text = printed.getvalue().decode(encoding)
+        assert len(text) > 100, words
+        if words[0] == "table":  # it has arrows
+            assert ("?" in text) == (encoding != "utf-8")
+
+
 def test_without_a_command_all_are_listed_in_groups(capsys):
     assert cli.main([]) == 2
     out = capsys.readouterr().out
@@ -237,6 +310,97 @@ def test_without_a_command_all_are_listed_in_groups(capsys):
         assert all(re.search(rf"^  {name} +\w", block, re.M) for name in names), group
     assert {name for names in commands.GROUPS.values() for name in names} <= set(commands.modules())
     assert all(re.search(rf"^  {name} +\w", out, re.M) for name in commands.modules())
+
+
+def test_a_file_in_the_place_of_a_folder_is_one_line_that_names_it_and_exit_code_2(
+    tmp_path, folder, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    run = ["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out"]
+    assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
+    assert cli.main([*run, "run"]) == 0
+    assert cli.main(["submit", "run", "-o", "a.zip"]) == 0
+    Path("notes.txt").write_text("text")
+    for words in (
+        ["export", "a.nbtf", "-o", "notes.txt"],
+        ["verify", "a.zip", "--out", "notes.txt"],
+        ["stress", "--codec", "mean-colour", "--out", "notes.txt"],
+        [*run, "notes.txt"],
+        ["new", "codec", "my-codec", "--out", "notes.txt"],
+        ["history", "run", "--plot", "notes.txt"],
+        ["figure", "rate", "run", "-o", "notes.txt/a.png"],
+        ["submit", "run", "-o", "notes.txt/b.zip"],
+    ):
+        capsys.readouterr()
+        assert cli.main(words) == 2, words
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert "notes.txt: it is a file" in error
+    for cache in ("notes.txt", "notes.txt/cache"):
+        monkeypatch.setenv("NEUBTF_CACHE", cache)
+        assert cli.main([*run[:3], "satin", *run[4:], "other", *SMALL]) == 2
+        assert (
+            "notes.txt: it is a file, where a folder is to be made: choose another $NEUBTF_CACHE"
+            in capsys.readouterr().err
+        )
+    assert Path("notes.txt").read_text() == "text"
+
+
+def test_no_command_writes_over_a_file_of_another_kind(tmp_path, folder, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
+    assert cli.main(["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out", "run"]) == 0
+    Path("maps").mkdir()
+    Image.new("RGB", (8, 8)).save("maps/m_color.png")
+    Path("shader").mkdir()
+    Path("shader/README.md").write_text("# A project\n")
+    content = Path("a.nbtf").read_bytes()
+    for words in (
+        ["view", "a.nbtf", "-o"],
+        ["encode", str(folder), "--codec", "mean-colour", "-o"],
+        ["convert", str(folder), "-o"],
+        ["decode", "a.nbtf", "-o"],
+        ["info", str(folder), "--picture"],
+        ["score", "a.nbtf", str(folder), "--json"],
+        ["compare", "run", "run", "--markdown"],
+        ["compare", "run", "run", "--junit"],
+        ["figure", "rate", "run", "-o"],
+        ["history", "run", "-o"],
+        ["submit", "run", "-o"],
+        ["results", "add", "run"],
+        ["reference", "update", "run", "-o"],
+        ["demand", "table-top", "-o"],
+        ["render", "a.nbtf", "-o"],
+        ["bake", "maps", "-o"],
+    ):
+        for kind, before in (("b.nbtf", content), ("notes", b"some words\n")):
+            if kind == "b.nbtf" and words[0] == "encode":  # it is of this kind
+                continue
+            Path(kind).write_bytes(before)
+            capsys.readouterr()
+            assert cli.main([*words, kind]) == 2, words
+            assert kind in capsys.readouterr().err
+            assert Path(kind).read_bytes() == before, words
+    assert cli.main(["export", "a.nbtf", "-o", "shader"]) == 2
+    assert [path.name for path in Path("shader").iterdir()] == ["README.md"]
+
+
+def test_a_file_of_the_same_kind_is_replaced_by_its_name_or_its_content(tmp_path, folder, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
+    for words in (
+        ["view", "a.nbtf", "-o", "page"],
+        ["score", "a.nbtf", str(folder), "--json", "scores"],
+        ["info", str(folder), "--picture", "picture"],
+        ["encode", str(folder), "--codec", "mean-colour", "-o", "codec"],
+        ["export", "a.nbtf", "-o", "shader"],
+    ):
+        place = Path(words[-1])
+        if words[0] != "export":
+            place.write_bytes(b"")  # an empty one holds nothing that could be lost
+        assert cli.main(words) == cli.main(words) == 0
+    Path("page.html").write_text("not whole")
+    assert cli.main(["view", "a.nbtf", "-o", "page.html"]) == 0
 
 
 def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypatch, capsys):

@@ -36,7 +36,7 @@ def test_a_suite_may_sweep_it_and_the_command_line_set_it():
     assert [spec.label for spec in suite.codecs] == ["vq zstd=false", "vq zstd=true"]
     keys = [settings_dict(load_codec(spec.codec)(**spec.settings)).get("zstd") for spec in suite.codecs]
     assert keys == [None, True]
-    changed = with_changes(parse_suite("test", '[[codecs]]\ncodec = "pca"\n'), [], [], {"pca.zstd": "yes"}, None)
+    changed = with_changes(parse_suite("test", '[[codecs]]\ncodec = "pca"\n'), [], [], {"pca.zstd": "yes"})
     assert changed.codecs[0].settings == {"zstd": True}
     with pytest.raises(InputError, match="zstd of codec pca must be true or false, not 'maybe'"):
         load_codec("pca")(zstd="maybe")

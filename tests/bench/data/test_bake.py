@@ -201,7 +201,7 @@ def test_maps_are_given_by_hand(tmp_path, capsys):
     assert cli.main([*words, "--heldout", "0", "--map", "albedo=photo.png", "--map", "roughness=grey.png"]) == 0
     assert open_btf(tmp_path / "a.npz").provenance["maps"]["albedo"] == "photo.png"
     for wrong, message in (
-        ("photo.png", "it is not MAP=FILE"),
+        ("photo.png", "write MAP=FILE"),
         ("colour=photo.png", "there is no map 'colour'"),
         ("albedo=none.png", "there is no such file"),
     ):

@@ -38,6 +38,13 @@ def test_a_strip_of_texels_has_a_portrait(btf, tmp_path):
     assert look(strip).thumbs[0].shape == (1, 600, 3)
 
 
+def test_a_users_settings_of_matplotlib_do_not_reach_a_portrait(btf, tmp_path, users_settings):
+    draw(look(btf), tmp_path / "plain.png")
+    with users_settings():
+        draw(look(btf), tmp_path / "again.png")
+    assert (tmp_path / "again.png").read_bytes() == (tmp_path / "plain.png").read_bytes()
+
+
 def test_a_missing_cosine_is_suspected(btf):
     uneven = np.random.default_rng(0).uniform(0.9, 1, (len(btf), 1, 1, 1))
     matt = uneven * btf[0]

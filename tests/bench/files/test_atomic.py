@@ -1,3 +1,4 @@
+import ast
 import errno
 import os
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 from bench.files import atomic
 from bench.files.atomic import cache_dir, clear_cache
 from bench.inputs.errors import InputError
+from tests.bench.test_rooms import FILES, name_of, tree
 
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path):
@@ -25,6 +27,28 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path):
         raise ZeroDivisionError
     assert path.read_bytes() == b"first"
     assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("wanted", ["notes.txt", "notes.txt/a", "notes.txt/a/b"])
+def test_a_file_in_the_way_of_a_folder_is_an_error_that_names_it(wanted, tmp_path):
+    (tmp_path / "notes.txt").write_text("text")
+    with pytest.raises(InputError, match=r"notes\.txt: it is a file"):
+        atomic.make_folder(tmp_path / wanted)
+    with pytest.raises(InputError, match=r"notes\.txt: it is a file"):
+        atomic.write(tmp_path / wanted / "c", b"")
+    assert (tmp_path / "notes.txt").read_text() == "text"
+    atomic.make_folder(tmp_path / "a" / "b")
+    atomic.make_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "a" / "b").is_dir()
+
+
+def test_folders_are_made_in_one_way():
+    others = []
+    for path in FILES:
+        calls = {node.attr for node in ast.walk(tree(path)) if isinstance(node, ast.Attribute)}
+        if calls & {"mkdir", "makedirs"}:
+            others.append(name_of(path))
+    assert others == ["bench.files.atomic"]
 
 
 def test_a_file_takes_no_place_of_a_pipe_or_a_device(tmp_path):

@@ -61,7 +61,7 @@ class Slow(MeanColour):
 def test_a_fit_of_a_codec_from_outside_shows_its_bar_and_keeps_its_curve(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(install(tmp_path / "site", "slow", {"slow": "slow_codec:Slow"}, {"slow_codec": SLOW}))
     changes = {"data.size": "8", "data.views": "3", "data.lights": "3", "data.heldout": "4"}
-    suite = with_changes(load_suite("quick"), ["satin"], ["slow"], changes, None)
+    suite = with_changes(load_suite("quick"), ["satin"], ["slow"], changes)
     shown = []
     (outcome,) = run(suite, Options(tmp_path / "run", show=lambda *told: shown.append(told)))
     assert ("satin/slow/0: my steps", 3, 3) in shown

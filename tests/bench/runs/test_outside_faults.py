@@ -83,7 +83,7 @@ def hostile(tmp_path, monkeypatch):
 
 
 def ran(*codecs, fresh=False):
-    suite = with_changes(load_suite("quick"), ["btf"], list(codecs), {}, None)
+    suite = with_changes(load_suite("quick"), ["btf"], list(codecs), {})
     list(runner.run(suite, runner.Options(Path("run"), fresh=fresh)))
     return {job["codec"]: job for job in load_run("run").jobs}
 

@@ -48,7 +48,7 @@ def test_a_codec_may_be_run_on_some_of_the_materials_but_the_command_line_asks_f
     suite = parse_suite("test", TEXT.replace('"mean-colour"', '"mean-colour"\nmaterials = ["fabric"]'))
     of_mean = [(m.name, seed) for m, codec, seed in suite.cells if codec.codec == "mean-colour"]
     assert (of_mean, len(suite.cells)) == ([("fabric", 0), ("fabric", 1)], 2 + 2 * 4 * 2)
-    assert len(with_changes(suite, ["satin"], [], {}, None).cells) == 5 * 2
+    assert len(with_changes(suite, ["satin"], [], {}).cells) == 5 * 2
 
 
 @pytest.mark.parametrize("name", builtin_suites())
@@ -69,9 +69,9 @@ def test_a_suite_is_scored_at_test_pairs_but_where_it_says_validation():
     assert suite.data.split == "test"
     assert suite.data.described(3).startswith("150 test pairs, draw 3")
     assert parse_suite("test", TEXT.replace("size = 16", 'split = "validation"')).data.split == "validation"
-    assert with_changes(suite, [], [], {"data.split": "validation"}, None).data.split == "validation"
+    assert with_changes(suite, [], [], {"data.split": "validation"}).data.split == "validation"
     with pytest.raises(InputError, match=r"split:? must be 'test' or 'validation', not 'tests'"):
-        with_changes(suite, [], [], {"data.split": "tests"}, None)
+        with_changes(suite, [], [], {"data.split": "tests"})
 
 
 def test_entries_that_a_change_makes_equal_run_on_the_materials_of_both():
@@ -85,13 +85,13 @@ def test_entries_that_a_change_makes_equal_run_on_the_materials_of_both():
     ]
     """
     changes = {"pca.components": "2", "vq.codes": "4"}
-    suite = with_changes(parse_suite("test", text), [], [], changes, None)
+    suite = with_changes(parse_suite("test", text), [], [], changes)
     assert {spec.codec: spec.materials for spec in suite.codecs} == {"pca": ("satin", "brick"), "vq": ()}
 
 
 def test_a_row_has_one_name_however_it_is_spelled():
     suite = parse_suite("test", TEXT + '\n[[codecs]]\ncodec = "pca"\nzstd = false\nmaterials = ["satin"]\n')
-    suite = with_changes(suite, [], [], {"pca.components": "16"}, None)
+    suite = with_changes(suite, [], [], {"pca.components": "16"})
     assert [spec.label for spec in suite.codecs] != ["mean-colour", "pca", "pca domain=rgb"]
     assert [spec.label for spec in canonical(suite).codecs] == ["mean-colour", "pca", "pca domain=rgb"]
     assert [spec.materials for spec in canonical(suite).codecs] == [(), (), ()]
@@ -111,7 +111,7 @@ def test_no_setting_is_dropped_whose_default_the_recipe_has_changed(codec, name,
     assert getattr(load_codec(codec)().settings, name) == value
     words = str(value).lower()
     changes = {f"{codec}.recipe": "paper", f"{codec}.{name}": words}
-    (spec,) = canonical(with_changes(parse_suite("a", ""), [], [codec], changes, None)).codecs
+    (spec,) = canonical(with_changes(parse_suite("a", ""), [], [codec], changes)).codecs
     assert set(spec.label.split()) == {codec, "recipe=paper", f"{name}={words}"}
     assert getattr(make_codec(spec.codec, spec.settings).settings, name) == value
 
@@ -120,7 +120,7 @@ def test_no_setting_is_dropped_whose_default_the_recipe_has_changed(codec, name,
 def test_a_bad_setting_on_the_command_line_is_named(name):
     setting, value = name.split("=")
     with pytest.raises(InputError, match=setting.split(".")[-1].replace("sise", "size")):
-        with_changes(parse_suite("test", TEXT), [], [], {setting: value}, None)
+        with_changes(parse_suite("test", TEXT), [], [], {setting: value})
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_a_bad_setting_on_the_command_line_is_named(name):
 )
 def test_a_misspelled_setting_suggests_the_nearest(key, says):
     with pytest.raises(InputError, match=says):
-        with_changes(load_suite("quick"), [], ["pca"], {key: "1"}, None)
+        with_changes(load_suite("quick"), [], ["pca"], {key: "1"})
 
 
 def test_an_unknown_suite_suggests_the_nearest_and_a_missing_file_is_named():
@@ -147,7 +147,7 @@ def test_an_unknown_suite_suggests_the_nearest_and_a_missing_file_is_named():
 
 def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
     suite = parse_suite("test", TEXT)
-    chosen = with_changes(suite, ["brick", str(tmp_path)], ["pca", "table"], {"pca.components": "3"}, 7)
+    chosen = with_changes(suite, ["brick", str(tmp_path)], ["pca", "table"], {"pca.components": "3"}, [7])
     assert [(m.name, m.path) for m in chosen.materials] == [("brick", ""), (tmp_path.name, str(tmp_path))]
     # The sweep over components has become one value: four jobs are two.
     labels = ["pca components=3 domain=log", "pca components=3 domain=rgb", "table"]
@@ -155,7 +155,10 @@ def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
     assert chosen.codecs[0].settings == {"components": 3, "domain": "log"}
     assert chosen.codecs[0].curve == "pca"
     assert chosen.seeds == (7,)
-    assert with_changes(suite, [], [], {"data.size": "8"}, None).data.size == 8
+    assert with_changes(suite, [], [], {"data.size": "8"}).data.size == 8
+    assert with_changes(suite, [], [], {}, [2, 0]).seeds == (2, 0)
+    with pytest.raises(InputError, match="--seed 2: it is given twice"):
+        with_changes(suite, [], [], {}, [2, 0, 2])
 
 
 def test_two_paths_of_one_name_are_two_materials(tmp_path, monkeypatch):
@@ -165,7 +168,7 @@ def test_two_paths_of_one_name_are_two_materials(tmp_path, monkeypatch):
         Path(place).write_text("")
 
     def names(*materials):
-        suite = with_changes(load_suite("quick"), list(materials), ["pca"], {}, None)
+        suite = with_changes(load_suite("quick"), list(materials), ["pca"], {})
         return [spec.name for spec in suite.materials]
 
     assert names("coin/rti", "tablet/rti") == ["coin-rti", "tablet-rti"]
@@ -185,7 +188,7 @@ def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it
     assert len({spec.curve for spec in suite.codecs}) == 2  # no ladder of rates mixes the two
     with pytest.raises(InputError, match="uniform must be a finite number from 0 to 1, not 1"):
         parse_suite("a", text.replace("0.25", "1.5"))
-    changed = with_changes(suite, [], [], {"scene": "true"}, None)
+    changed = with_changes(suite, [], [], {"scene": "true"})
     assert [spec.settings["scene"] for spec in changed.codecs] == [True]
 
 
