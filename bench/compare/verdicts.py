@@ -13,7 +13,8 @@ too. A row whose seeds give the numbers of the base again did not change, whatev
 
 If each seed is scored at different pairs, scores differ because of the pairs. Then the differences at equal seeds,
 which have equal pairs, measure how much a codec scatters: s is their standard deviation, and the margin is t · s / √n.
-A codec that wrote the same file with each seed is deterministic; its margin is the small tolerance.
+A codec that wrote the same file with each seed is deterministic; its margin is the small tolerance. So is that of a row
+whose files are those of the base: no fit scattered, so a change of a score is one of the decoder or of the metric.
 """
 
 import math
@@ -113,7 +114,8 @@ def judge(
     after = [quantity.value(job) for job in new]
     values = _scatter_values(quantity, base, new, reference)
     paired = not _same_pairs(reference)  # each seed has test pairs of its own, so only equal seeds are compared
-    if quantity.tolerance is not None and not paired and not _gave_same_numbers(before, after):
+    same_files = bool(quantity.metric) and _wrote_same_files(base, new)
+    if quantity.tolerance is not None and not (paired or same_files or _gave_same_numbers(before, after)):
         # Every seed is scored at the same pairs, so all seeds of the base say equally much.
         base = reference
         before = values
@@ -121,15 +123,13 @@ def judge(
     if obstacle:
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=obstacle)
     # Sizes have no metric. Their scatter is judged by their own numbers, a metric's by whether files are the same.
-    certain = False  # whether the codec is known to be deterministic
-    scatters = draws
+    certain = False  # whether no chance is in the difference
+    scatters = draws and not same_files
     if quantity.metric:
-        certain = one_file(reference)
+        certain = same_files or one_file(reference)
     else:
         scatters = not agree(quantity, base, new, reference)
-    spread = _spread(values)
-    if certain:
-        spread = 0.0
+    spread = 0.0 if certain else _spread(values)
     change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:  # it does not decide
         return change
@@ -155,6 +155,13 @@ def _gave_same_numbers(base: Values, new: Values) -> bool:
         if a is None or b is None or not math.isclose(a, b, rel_tol=1e-5):
             return False
     return True
+
+
+def _wrote_same_files(base: Sequence[Job], new: Sequence[Job]) -> bool:
+    """Whether new wrote the base's file again with each of its seeds, byte for byte."""
+    before = {job["seed"]: job["score_key"].get("sha256") for job in base}
+    after = {job["seed"]: job["score_key"].get("sha256") for job in new}
+    return before == after and None not in after.values()
 
 
 def _same_pairs(jobs: Sequence[Job]) -> bool:

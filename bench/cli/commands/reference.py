@@ -3,7 +3,8 @@
 `reference update RUN` writes FILE, or the reference of the run's suite inside the installed package, and prints what
 changed. In a clone that is not installed with -e, give --out bench/compare/references/SUITE.jsonl. A reference
 should have more seeds than a run, because they tell how far the results of a codec scatter: first add seeds to the
-run's folder, with `neubtf-bench run SUITE --seed N --out RUN`.
+run's folder, with `neubtf-bench run SUITE --seed N --out RUN`. A reference that could not tell a loss of a decibel of
+PSNR from chance guards nothing: it is refused without --wide.
 
 examples:
   neubtf-bench reference update runs/ci
@@ -11,16 +12,20 @@ examples:
 """
 
 import argparse
+import tempfile
 from pathlib import Path
 
 from bench.cli.commands import say_line
 from bench.compare.comparison import check_whole, compare
+from bench.compare.quantities import MAIN
 from bench.compare.reference import committed, few_seeds, pairs_by_seed, reference, seeds_of, smallest_losses
 from bench.files.atomic import write
 from bench.inputs.errors import FINE, InputError, writable
 from bench.records import FILE, Run, load_run
 from bench.runs.suite import builtin_suites
 from reports.comparison import terminal
+
+WIDEST = 1.0  # dB of PSNR: a reference that cannot tell such a loss from chance is refused
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,6 +34,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     update = actions.add_parser("update", help="write the reference again, and print what changed")
     update.add_argument("run", metavar="RUN", help="the folder of a run")
     place = "the .jsonl file to write (default: that of the installed package)"
+    update.add_argument("--wide", action="store_true", help="also write one that hides losses of over 1 dB")
     update.add_argument("-o", "--out", type=Path, metavar="FILE", help=place)
 
 
@@ -42,12 +48,18 @@ def run(options: argparse.Namespace) -> int:
     if before:
         check_whole(before)
     text = reference(measured, before)
+    with tempfile.TemporaryDirectory() as folder:  # judged before it replaces the one that is there
+        trial = Path(folder) / path.name
+        trial.write_text(text, encoding="utf-8")
+        losses = smallest_losses(load_run(trial), seeds_of(measured))
+    if not options.wide:
+        _refuse_wide(losses, path)
     with writable(path, "give --out FILE"):
         write(path, text.encode())
     after = load_run(path)
     print(terminal(compare(before or after, after)))
     say_line(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
-    _say_limits(after, measured, options.run)
+    _say_limits(after, losses, options.run)
     return FINE
 
 
@@ -66,10 +78,20 @@ def _place(options: argparse.Namespace, measured: Run) -> Path:
     return path
 
 
-def _say_limits(updated: Run, measured: Run, folder: str) -> None:
+def _refuse_wide(losses: dict[str, dict[str, float]], path: Path) -> None:
+    """Raise `InputError` for rows whose loss of PSNR must exceed `WIDEST` to be told from chance."""
+    wide = {name: loss_of[MAIN] for name, loss_of in losses.items() if loss_of.get(MAIN, 0.0) > WIDEST}
+    if wide:
+        listed = ", ".join(f"{name} {loss:.1f} dB" for name, loss in wide.items())
+        raise InputError(
+            f"{path}: not written: smaller losses of PSNR could not be told from chance: {listed}: fit with "
+            "more steps, add seeds, or give --wide"
+        )
+
+
+def _say_limits(updated: Run, losses: dict[str, dict[str, float]], folder: str) -> None:
     """Print what the reference cannot tell: losses within chance, and codecs whose scatter is not known."""
     with_own_pairs = pairs_by_seed(updated)
-    losses = smallest_losses(updated, seeds_of(measured))
     if losses:
         print("losses below these cannot be told from chance on these materials:")
         width = max(map(len, losses))

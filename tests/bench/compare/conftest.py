@@ -24,7 +24,7 @@ class Maker:
         settings = get("settings", {"components": 8})
         record["fit_key"] = {"version": get("version", 1), "settings": settings, "training": get("training", "t")}
         record["score_key"] = {"btf": get("btf", "b"), "exposure": get("exposure", 1.5)}
-        record["score_key"]["sha256"] = get("sha256", "0")
+        record["score_key"]["sha256"] = get("sha256", f"of {psnr} dB")  # another file for each quality
         record["score_key"] |= {"deciding": changes.pop("deciding")} if "deciding" in changes else {}
         versions = dict.fromkeys(METRICS, 1) | get("versions", {})
         measured = ((name, version) for name, version in versions.items() if version)

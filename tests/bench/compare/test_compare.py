@@ -112,10 +112,25 @@ def test_the_margin_of_seeds_with_pairs_of_their_own_is_by_their_paired_differen
 
 
 def test_a_codec_that_wrote_one_file_for_seeds_with_pairs_of_their_own_draws_nothing(make):
-    base = make.run("base", *of_own_pairs(make, HARD_AND_EASY))
+    base = make.run("base", *of_own_pairs(make, HARD_AND_EASY, sha256="0"))
     lost = [psnr - loss for psnr, loss in zip(HARD_AND_EASY, (0.02, 0.05, 0.03), strict=True)]
     comparison = compare(base, make.run("new", *of_own_pairs(make, lost)))
     assert (change(comparison, "PSNR").margin, change(comparison, "PSNR").verdict) == (0.02, "WORSE")
+
+
+@pytest.mark.parametrize(("loss", "said"), [(0.01, "same"), (0.03, "WORSE")])
+def test_a_decoder_that_changed_alone_is_judged_without_chance(make, loss, said):
+    """The files are those of the base: no fit scattered, although seeds differ by decibels."""
+
+    def jobs(loss):
+        return [make.job("vq", seed=seed, psnr=psnr - loss, sha256=str(seed)) for seed, psnr in enumerate(SPREAD)]
+
+    base = make.run("base", *jobs(0.0))
+    psnr = change(compare(base, make.run("two", *jobs(loss)[:2], seeds=(0, 1))), "PSNR")
+    assert (psnr.verdict, psnr.margin) == (said, 0.02)
+    assert psnr.difference == pytest.approx(-loss)
+    one_refitted = [*jobs(loss)[:1], make.job("vq", seed=1, psnr=SPREAD[1] - loss, sha256="other")]
+    assert change(compare(base, make.run("refitted", *one_refitted, seeds=(0, 1))), "PSNR").margin > 0.1
 
 
 @pytest.mark.parametrize("freedom", [*range(1, 30), 1.4, 1.6, 2.4, 3.7, 17.3])

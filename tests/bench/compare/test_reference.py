@@ -102,7 +102,12 @@ def test_update_prints_what_losses_it_can_tell_from_chance(make, tmp_path, capsy
     psnrs = {"satin": [30.0, 31.0, 29.0, 30.5, 28.5, 30.2], "knit": [25.0] * 6}
     jobs = [train(job, each) for each, values in psnrs.items() for job in make.seeds(values, material=each)]
     run = make.run("six", *jobs, text="seeds = [0, 1, 2]")
-    assert cli.main(["reference", "update", str(run.folder), "--out", str(tmp_path / "a.jsonl")]) == 0
+    path = tmp_path / "a.jsonl"
+    words = ["reference", "update", str(run.folder), "--out", str(path)]
+    assert cli.main(words) == 2  # of a decibel and more on satin
+    assert "satin/vq" in capsys.readouterr().err
+    assert not path.exists()
+    assert cli.main([*words, "--wide"]) == 0
     out = capsys.readouterr().out
     limit = stats.t.isf(0.001, 5) * statistics.stdev(psnrs["satin"]) * math.sqrt(1 / 6 + 1 / 3)
     said = "losses below these cannot be told from chance on these materials:\n"
