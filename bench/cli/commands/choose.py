@@ -1,8 +1,8 @@
 """pick the codec and settings that meet a wish for quality, bytes or time
 
 If no measured setting meets the wish, and some settings of the suite are not measured yet, the command first fits and
-measures these. It says how many fits that takes, and about how long. Validation pairs decide, test pairs are only
-shown.
+measures these. It says how many, and about how long it takes once one fit of each codec is done. Validation pairs
+decide, test pairs are only shown. If none meets the wishes, it says which of them the nearest one misses.
 
 examples:
   neubtf-bench choose satin --min-psnr 30
@@ -35,13 +35,16 @@ from bench.data.kinds import kind_of
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
 from bench.program.recording import program_of
-from bench.records import TradeChoice, load_run, load_trade
+from bench.records import FILE, TradeChoice, load_run, load_trade
 from bench.runs.runner import Options
 from bench.runs.suite import Suite, canonical, load_suite, with_changes
 from bench.runs.trade import run_and_measure
 from reports import artefacts
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import shader
+
+# The option of each limit.
+OPTION_OF = {"size": "--max-bytes", "time": "--max-ns", "score": "--min-psnr", "gpu": "--max-gpu-bytes"}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
         suite = canonical(suite)  # by the names of the records; it loads the codecs
         _, missing = _measured(folder, suite, options)
         if missing:
-            _measure(folder, suite, options, len(missing))
+            _measure(folder, suite, options, missing)
             rungs, _ = _measured(folder, suite, options)
     if not rungs:
         say_line(f"{material}: nothing could be measured; the reasons are in {folder}")
@@ -99,9 +102,12 @@ def run(options: argparse.Namespace) -> int:
     # Say the best, or how near the nearest comes.
     best = best_rung(rungs, wishes, TIE_DB)
     if best is None:
-        nearest_row = nearest(rungs, wishes).of
+        nearest_rung = nearest(rungs, wishes)
+        nearest_row = nearest_rung.of
         time = f" (up to {longest_ns(nearest_row):,.0f}, 95 % interval)" if wishes.time else ""
         say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(nearest_row)}{time}")
+        say_line(f"it misses {' and '.join(OPTION_OF[field] for field in wishes.missed(nearest_rung))}")
+        _say_other(folder, options, wishes)
         return NO
     say_line(f"{material}: {choice_in_words(best.of)}")
     _say_cost(folder, best.of)
@@ -110,6 +116,17 @@ def run(options: argparse.Namespace) -> int:
     if command:
         say_line(command)
     return FINE
+
+
+def _say_other(folder: Path, options: argparse.Namespace, wishes: Limits) -> None:
+    """Print the best measured setting of the suite's other codecs, if --codec leaves out one that meets the wishes."""
+    if not options.codec:
+        return
+    options = argparse.Namespace(**vars(options) | {"codec": []})
+    rungs, _ = _measured(folder, _suite(options), options)
+    best = best_rung(rungs, wishes, TIE_DB)
+    if best is not None:
+        say_line(f"without --codec: {choice_in_words(best.of)}")
 
 
 def _say_cost(folder: Path, row: "TradeChoice") -> None:
@@ -230,11 +247,17 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
     return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
-def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing: int) -> None:
-    """Run a trade over the suite, which fits only the missing settings."""
+def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing: list[str]) -> None:
+    """Run a trade over the suite, which fits only the missing settings that no earlier start has fitted."""
+    fitted: list[str] = []  # by an earlier start that ended before it timed them
+    if (folder / FILE).exists():
+        run = load_run(folder)
+        names = [f"{suite.materials[0].name}/{label}/{suite.seeds[0]}" for label in missing]
+        fitted = [name for name in names if (run.job(name) or {}).get("status") == "ok"]
+    count = f"{len(missing)} of {len(suite.codecs)} settings of {suite.name}"
+    what = f"{len(missing) - len(fitted)} to fit and score, all to time"
     with Console() as console:
-        settings = f"{missing} of {len(suite.codecs)} settings of {suite.name}"
-        console.say(f"{suite.materials[0].name}: {settings} are not in {folder}: fitted, scored and timed first")
+        console.say(f"{suite.materials[0].name}: {count} are not measured in {folder}: {what}")
         device = usable_device(options.device)
         seats = workers(options.jobs, suite.threads, options.device)
         run_options = Options(folder, device, show=console.show, say=console.say, workers=seats)

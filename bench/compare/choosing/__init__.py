@@ -52,21 +52,25 @@ class Limits:
     score: float | None = None
     gpu: float | None = None
 
-    def misses(self, rung: Rung) -> list[float]:
-        """By how much a rung misses each limit, as a share of the limit (for a score: dB / 10); ≤ 0 if it meets it."""
-        misses = []
+    def misses(self, rung: Rung) -> dict[str, float]:
+        """By how much a rung misses each limit, by its field: a share of the limit (for a score: dB / 10); ≤ 0 if it
+        meets it."""
+        misses = {}
         if self.size is not None:
-            misses.append(rung.size / self.size - 1)
+            misses["size"] = rung.size / self.size - 1
         if self.time is not None:  # a rung whose time was not measured misses it by infinity
-            misses.append(_time(rung) / self.time - 1)
+            misses["time"] = _time(rung) / self.time - 1
         if self.gpu is not None:
-            miss = math.inf  # of a rung whose bytes were not counted
+            misses["gpu"] = math.inf  # of a rung whose bytes were not counted
             if rung.gpu is not None:
-                miss = rung.gpu / self.gpu - 1
-            misses.append(miss)
+                misses["gpu"] = rung.gpu / self.gpu - 1
         if self.score is not None:
-            misses.append((self.score - rung.score) / 10)
+            misses["score"] = (self.score - rung.score) / 10
         return misses
+
+    def missed(self, rung: Rung) -> list[str]:
+        """The fields of the limits that a rung does not meet."""
+        return [field for field, miss in self.misses(rung).items() if miss > 0]
 
 
 def best_rung(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | None:
@@ -75,7 +79,7 @@ def best_rung(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung |
     Ties go to the smaller file, then to the faster query, then to the first. With a `tie`, scores at most so many dB
     below the highest count as equal, and the fastest of these is chosen. None if no rung meets the limits.
     """
-    within_limits = [rung for rung in rungs if max(limits.misses(rung)) <= 0]
+    within_limits = [rung for rung in rungs if not limits.missed(rung)]
     if limits.score is not None:
         return min(within_limits, key=lambda rung: (rung.size, _time(rung)), default=None)
     if not tie:
@@ -90,7 +94,7 @@ def nearest(rungs: Sequence[Rung], limits: Limits) -> Rung:
 
     def distance(rung: Rung) -> float:
         """The sum of the shares by which a rung misses the limits that it does not meet."""
-        return sum(max(0.0, miss) for miss in limits.misses(rung))
+        return sum(max(0.0, miss) for miss in limits.misses(rung).values())
 
     return min(rungs, key=distance)
 

@@ -154,7 +154,9 @@ class HalfVector(Table):
                 at = sample_texture(weights.flatten(2), uv).reshape(len(uv), -1, 3)
                 return (HalfVector.basis(wo, wi)[:, :, None] * at).sum(1)
 
-        return Answers(weights.shape[:2], DecoderCost(texture_channels=weights[0, 0].numel(), texture_floats=weights.numel()))
+        return Answers(
+            weights.shape[:2], DecoderCost(texture_channels=weights[0, 0].numel(), texture_floats=weights.numel())
+        )
 
 
 def test_a_codec_of_the_half_vector_alone_has_no_mistake(tmp_path, monkeypatch):

@@ -76,6 +76,7 @@ def test_a_wish_that_none_meets_has_a_nearest():
     wishes = Limits(score=37, time=90)
     assert best_rung(RUNGS, wishes) is None
     assert nearest(RUNGS, wishes).of["label"] == "good"
+    assert wishes.missed(nearest(RUNGS, wishes)) == ["time", "score"]
 
 
 def test_rows_of_other_materials_failed_ones_those_without_validation_and_the_floor_are_no_choices():
@@ -192,13 +193,16 @@ def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys)
     words = ["choose", "satin", "--max-bytes", "1M", *own]
     assert cli.main([*words, "--codec", "neubtf-direct", "--steps", "20", "--jobs", "2"]) == 0
     said = capsys.readouterr().out
-    first = said.index("2 of 2 settings of own are not in")
+    first = said.index("2 of 2 settings of own are not measured in")
     estimate = said.index("2 jobs: 2 left, then about half a minute of timing\n")
     assert first < estimate < said.index("satin/neubtf-direct ")
     assert "on a GPU: " in said
     command = said.splitlines()[-1]
     assert command.startswith("neubtf-bench encode satin --codec neubtf-direct ")
     assert " --set steps=20 " in command
+    few = ["choose", "satin", "--max-bytes", "10", *own, "--codec", "neubtf-direct", "--steps", "20"]
+    assert cli.main(few) == 1
+    assert "it misses --max-bytes\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def test_equals_go_to_the_smaller_file_then_to_the_faster_then_to_the_first():
 
 
 def test_a_score_is_missed_by_decibels_over_ten_and_sizes_by_shares():
-    assert Limits(score=40.0, size=8).misses(rung("a", 12, 30.0)) == [0.5, 1.0]
+    assert Limits(score=40.0, size=8).misses(rung("a", 12, 30.0)) == {"size": 0.5, "score": 1.0}
 
 
 def test_choices_without_an_error_and_with_validation_pairs_are_rungs():
