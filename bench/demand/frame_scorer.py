@@ -7,7 +7,7 @@ levels around a footprint, linear between them.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +25,7 @@ from bench.metrics.base import Prepared, SliceMetric
 from bench.metrics.display import exposure_of, to_display
 
 NAMES = registry.chosen_names(registry.DEFAULTS, periodic=False)  # a frame has borders
+PROBED = 1024  # queries that tell whether a material filters
 KEPT_FRAMES, KEPT_SIDE = 3, 320  # frames that a run stores, and pixels along their longer side, at most
 PSNR, FLIP = (registry.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
 
@@ -95,6 +96,21 @@ class FrameScorer:
     def truth(self) -> Array:
         """The frames (frames, H, W, 3) of the reference table, linear RGB."""
         return self.demand.pictures(truth(self.btf, self.demand, self.show))
+
+    @cached_property
+    def at_points(self) -> Array:
+        """The frames of the reference table when it is asked at points: all of its texels, and no level of detail."""
+        demand = replace(self.demand, footprint=np.zeros_like(self.demand.footprint))
+        return self.demand.pictures(truth(self.btf, demand, self.show))
+
+    def filters(self, material: Material) -> bool:
+        """Whether a material's answers depend on the footprint, at the queries with the widest footprints."""
+        widest = np.argsort(self.demand.footprint, kind="stable")[-PROBED:]
+        columns = self.demand.queries(self.btf.shape)
+        uv, wo, wi, footprint = (torch.from_numpy(column[widest]) for column in columns)
+        answers = material.query(uv, wo, wi, footprint)
+        at_points = material.query(uv, wo, wi, 0.0)
+        return not torch.allclose(answers, at_points, rtol=1e-4)
 
     @cached_property
     def seen(self) -> Array:

@@ -29,7 +29,7 @@ from bench.data.readers.checks import negative, refuse_extremes, some_slices
 from bench.demand import UNIFORM, fitting
 from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
-from bench.demand.frame_scorer import FrameScorer, table_of
+from bench.demand.frame_scorer import PSNR, FrameScorer, table_of
 from bench.files import atomic
 from bench.inputs.errors import InputError
 from bench.machine.devices import require_present
@@ -41,6 +41,9 @@ from bench.runs.workbench import Workbench
 
 log = logging.getLogger(__name__)
 MATERIALS = 224  # the default number of variations, which are random materials, that a shared network is trained on
+ALIASED_DB = (
+    1.0  # frames at most so far below those of the BTF asked at points are limited by a missing level of detail
+)
 UNSEEN = range(100_000, 100_016)  # variations for its curve, kept out of training
 
 
@@ -126,6 +129,8 @@ class SceneFit:
 
     found: fitting.SearchResult
     rows: list[SceneModel]
+    at_points: float | None  # PSNR in dB of the frames of the BTF itself, asked at points; None: no error
+    filters: bool  # whether the codec has a level of detail: its answers depend on the footprint
 
     def described(self) -> str:
         """The verdict in one line, such as "The scene model takes 60% of the bytes: …"."""
@@ -138,7 +143,17 @@ class SceneFit:
         else:
             share = found.scene.header.file_bytes / found.full.header.file_bytes
             verdict = f"The scene model takes {share:.0%} of the bytes: {found.why}"
-        return f"{verdict}. {found.fits} fits to the scene took {found.seconds:.1f} s of processor time."
+        return f"{verdict}. {found.fits} fits to the scene took {found.seconds:.1f} s of processor time.{self._limit()}"
+
+    def _limit(self) -> str:
+        """A sentence where a missing level of detail limits the frames, not the bytes; else ""."""
+        frames = self.found.chosen.psnr
+        if self.filters or self.at_points is None or frames is None or frames < self.at_points - ALIASED_DB:
+            return ""
+        return (
+            f" The codec has no level of detail, which limits it here: without one the uncompressed BTF has "
+            f"{self.at_points:.2f} dB in these frames. More bytes do not help, a codec that filters does."
+        )
 
 
 def encode_for_scene(
@@ -180,8 +195,10 @@ def encode_for_scene(
         # Without figures of its own, the goal is relative to the full model, which the search fits first.
         result = search.run(None if wanted == fitting.Goal() else wanted)
         rows = fitting.rows(result, scorer, threads, held_out)
+        at_points = scorer.compare(scorer.at_points, (PSNR,))[PSNR]
+        filters = scorer.filters(result.chosen.material)
         atomic.write(Path(out), result.chosen.header.path.read_bytes())
-    return SceneFit(result, rows)
+    return SceneFit(result, rows, at_points, filters)
 
 
 def load(file: str | Path, device: str = "cpu") -> Material:

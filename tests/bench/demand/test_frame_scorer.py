@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from baselines.mean_colour import MeanColour
+from baselines.neumip import NeuMIP
 from baselines.table import Table
+from bench.btf import BTF, ArraySource
 from bench.conformance.check import tiny_btf
 from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer, truth
 from bench.demand.needed_part import pair_shares
@@ -46,6 +48,19 @@ def test_the_table_makes_the_frames_of_the_reference_and_a_mean_colour_does_not(
     truth, ours = scorer.truth, scorer.frames(decoded(MeanColour(), btf))
     error = np.square(to_display(truth, scorer.exposure) - to_display(ours, scorer.exposure))[seen].mean()
     assert plain[PSNR] == pytest.approx(-10 * np.log10(error))
+
+
+def test_a_table_that_is_asked_at_points_has_the_frames_of_one_without_a_level_of_detail():
+    rng = np.random.default_rng(0)
+    fine = tiny_btf(32, 6, 6)
+    noisy = BTF("noisy", fine.wo, fine.wi, ArraySource(rng.random((36, 32, 32, 3), np.float32)), periodic=True)
+    scorer = FrameScorer(noisy, demand_of(SCENE.replace("repeat = [2, 2]", "repeat = [9, 9]")))
+    table, filtering = decoded(Table(), noisy), decoded(NeuMIP(steps=4, batch=64), noisy)
+    aliased = scorer.compare(scorer.at_points, (PSNR,))[PSNR]
+    assert scorer.score(table, (PSNR,))[PSNR] == pytest.approx(aliased, abs=0.05)
+    assert aliased < 30
+    assert not scorer.filters(table)
+    assert scorer.filters(filtering)
 
 
 def test_pixels_without_material_do_not_count():
