@@ -194,7 +194,11 @@ def btf_lines(portrait: "Look") -> str:
     lines.append(f"values ({of_which}): minimum {low:.4g}, median {np.median(values):.4g}, maximum {high:.4g}")
     lines += _frame_lines(portrait)
     lines.append(f"fingerprint: {btf.fingerprint}")
-    lines += [f"  {key}: {value}" for key, value in btf.provenance.items()]
+    for key, value in btf.provenance.items():
+        words = value
+        if isinstance(value, dict):
+            words = ", ".join(f"{name} = {entry}" for name, entry in value.items())
+        lines.append(f"  {key}: {words}")
     lines += [f"warning: {text}" for text in portrait.warnings()]
     return "\n".join(visible(line) for line in lines)
 
