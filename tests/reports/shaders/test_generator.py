@@ -19,11 +19,10 @@ from bench.material import DecoderCost, Material
 from bench.program import Program
 from bench.program.recording import program_of
 from reports import artefacts
-from reports.live import pack
 from reports.shaders.dialects import DIALECTS, GLSL
 from reports.shaders.export import TOLERANCE, Vectors, export
 from reports.shaders.generator import shader
-from reports.viewer.page import Shown, model_data
+from reports.viewer.page import Shown, model_data, pack
 from tests.baselines.surfaces import bumps
 from tests.reports.shaders.reader import answer
 from tests.tiers import short_for
