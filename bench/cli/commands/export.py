@@ -53,6 +53,6 @@ def vectors(material: Material) -> Vectors:
     rng = np.random.default_rng(0)
     uv = rng.random((count, 2)).astype(np.float32)
     wo, wi = (uniform(rng, count, 75.0).astype(np.float32) for _ in range(2))
-    footprint = np.float32([0, 0.125, 0, 0.125, 0])
+    footprint = np.array([0, 0.125, 0, 0.125, 0], np.float32)
     rgb = material.query(*(torch.from_numpy(each) for each in (uv, wo, wi, footprint)))
     return Vectors(uv, wo, wi, footprint, rgb.numpy())

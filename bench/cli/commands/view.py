@@ -12,6 +12,7 @@ import argparse
 import tempfile
 import webbrowser
 from pathlib import Path
+from typing import cast
 
 from bench.btf import BTF
 from bench.cli.commands import assignments, say_line, several
@@ -78,7 +79,7 @@ def _psnr(file: Loaded, btf: BTF, show: Progress) -> float:
     scores = workbench.scorer.score(workbench.deciding, Slices(workbench, file.material, show).slice)
     groups = {deciding_group(workbench.groups): workbench.deciding}
     summary = summarise(scores, btf.wo, btf.wi, groups)
-    return float(stats_of({"scores": summary}, PSNR)["mean"])
+    return cast(float, stats_of({"scores": summary}, PSNR)["mean"])
 
 
 def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], str]":
