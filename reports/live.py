@@ -6,10 +6,7 @@ of its textures. *Packed*, it is one text. A run stores a program as a *drawing*
 *truth* is a model, too, made of a few pairs of the measured data.
 """
 
-import base64
 import io
-import json
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -23,7 +20,7 @@ from bench.records import Run, fitted_to_scene
 from reports.artefacts import program
 from reports.atlas import WEBP_SIDE
 from reports.rows import MaterialRows, Row
-from reports.viewer.page import Shown, model_data
+from reports.viewer.page import Shown, model_data, pack
 
 BUDGET = 11_000_000  # characters of all models in a page
 LARGEST = 2_500_000  # of one model: more than a network with its latents takes, less than most tables of all pairs
@@ -159,23 +156,3 @@ def _packed(run: Run, row: Row, room: int) -> str:
 def by_psnr(row: Row) -> float:
     """The PSNR of a row in dB, to sort by; infinite where it has no error."""
     return float("inf") if row.psnr is None else row.psnr
-
-
-def pack(data: object) -> str:
-    """Data of dicts, lists and `bytes` objects as one text for a page, which the page's function `unpacked` reads.
-
-    The text is base64 of deflated bytes: the length of the JSON in four bytes, the JSON, then the `bytes` objects one
-    after the other. In the JSON, {raw: [start, length]} stands in place of a `bytes` object. Its base64 inside the JSON
-    would make the text larger, because base64 deflates badly.
-    """
-    places: dict[bytes, list[int]] = {}  # by `bytes` object, in order: where it starts after the JSON, and its length
-
-    def placeholder(raw: bytes) -> object:
-        """What stands for a `bytes` object in the JSON. Notes it in `places`; equal ones share a place."""
-        start = sum(map(len, places))
-        return {"raw": places.setdefault(raw, [start, len(raw)])}
-
-    text = json.dumps(data, default=placeholder).encode()
-    length = len(text).to_bytes(4, "little")
-    packed = zlib.compress(length + text + b"".join(places), level=9)  # the smallest
-    return base64.b64encode(packed).decode()

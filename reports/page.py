@@ -22,7 +22,7 @@ from reports import series
 from reports.atlas import MAGMA, Atlases
 from reports.figures import Figure
 from reports.html import TEMPLATES
-from reports.live import live, pack
+from reports.live import live
 from reports.notes import missing_note, run_notes
 from reports.numbers import EXACT, fixed, integer
 from reports.ranking import ranked
@@ -32,7 +32,7 @@ from reports.scene_pictures import scene_strips
 from reports.shaders.writer import WIDTH
 from reports.styles import is_own
 from reports.table import Table
-from reports.viewer.page import Data, as_json, fragment
+from reports.viewer.page import Data, as_json, fragment, pack
 
 # Kinds of figures that the page does not hold: it draws the first four itself, and the others are too large.
 INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact", "latents"}
@@ -50,7 +50,7 @@ GAPS = {
     "slices": "The distribution of slices is omitted: the run's arrays are missing, or no slice has an error.",
     "rate": "The plot of rate and distortion is omitted: no codec has an error here.",
 }
-_SCRIPTS = ("core", "tables", "plots", "slices", "live")  # in `reports/web/`
+_SCRIPTS = ("unpacked", "core", "tables", "plots", "slices", "live")  # in `reports/web/`
 Picture = tuple[str, str]  # the label of a codec ("" for the truth), and the words below the picture
 
 

@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from bench import cli
 from bench.data import materials
+from bench.demand import still
 from bench.files import atomic
 
 CODECS = {
@@ -26,7 +27,6 @@ CODECS = {
     "mean-colour": {},
 }
 TRUTH = ("--set", "data.views=49", "--set", "data.lights=49")
-GREY = (128, 128, 128, 255)  # of the labels: read on a light page and on a dark one
 LABEL = 22  # pixels
 QUALITY = 86  # of WebP
 BANNER = ("drape", "cable-knit", 300, ("relief", "neumip", "pca"))  # scene, material, pixels of a width, codecs
@@ -59,6 +59,12 @@ def fitted(work: Path, material: str, codec: str) -> Path:
     return path
 
 
+def body(path: Path) -> Image.Image:
+    """A rendered picture without its captions."""
+    picture = Image.open(path)
+    return picture.crop((0, 0, picture.width, picture.height - still.CAPTION))
+
+
 def strip(work: Path, material: str, codecs: tuple[str, ...], scene: str, width: int) -> Image.Image:
     """Truth and files side by side, with a line of names and bytes below."""
     files = [fitted(work, material, codec) for codec in codecs]
@@ -66,7 +72,7 @@ def strip(work: Path, material: str, codecs: tuple[str, ...], scene: str, width:
     if not path.exists():
         shown = ["--scene", scene, "--width", str(width), "--rays", "3", "-o", str(path)]
         done(["render", *map(str, files), "--truth", material, *TRUTH, *shown])
-    picture = Image.open(path)
+    picture = body(path)
     _, top, _, bottom = picture.getbbox() or (0, 0, *picture.size)  # what is transparent above and below is left out
     picture = picture.crop((0, top, picture.width, bottom))
     whole = Image.new("RGBA", (picture.width, picture.height + LABEL))
@@ -74,7 +80,7 @@ def strip(work: Path, material: str, codecs: tuple[str, ...], scene: str, width:
     draw, font = ImageDraw.Draw(whole), ImageFont.load_default(size=LABEL * 0.62)
     names = ["truth", *(f"{c}, {f.stat().st_size / 1e3:.0f} kB" for c, f in zip(codecs, files, strict=True))]
     for number, name in enumerate(names):
-        draw.text(((number + 0.5) * width, picture.height + LABEL / 2), name, GREY, font, anchor="mm")
+        draw.text(((number + 0.5) * width, picture.height + LABEL / 2), name, still.GREY, font, anchor="mm")
     return whole
 
 
@@ -87,7 +93,7 @@ def scenes(work: Path) -> Image.Image:
             width = "427" if scene == "table-top" else "240"
             shown = ["--scene", scene, *words, "--width", width, "--rays", "3", "-o", str(path)]
             done(["render", str(fitted(work, material, "relief")), *shown])
-        pictures.append(Image.open(path))
+        pictures.append(body(path))
     whole = Image.new("RGBA", (sum(p.width for p in pictures), max(p.height for p in pictures)))
     left = 0
     for picture in pictures:

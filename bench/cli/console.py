@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections import Counter
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -49,6 +50,8 @@ class Console:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _TimeLeft())
         self.bars = Progress(*columns, console=self.out, transient=True, disable=not self.out.is_terminal)
         self.tasks: dict[str, TaskID] = {}
+        self.passes: Counter[str] = Counter()  # by bar: how often it began
+        self.tenths: dict[str, int] = {}  # by bar: the last tenth of its pass that was printed, without a terminal
         self.spoke = time.monotonic()
 
     def __enter__(self) -> "Console":
@@ -59,10 +62,11 @@ class Console:
         self.bars.stop()
 
     def show(self, label: str, done: int, total: int) -> None:
-        """Move the progress bar of that label, and remove it when it is full; without a terminal, say it now and then.
+        """Move the progress bar of that label, and remove it when it is full.
 
-        A label may end with a remark that changes, such as "wool/neumip: fitting · 28.1 dB"; what stands before it
-        names the bar.
+        Without a terminal a line is printed after some silence, at most one for each tenth of a pass. A bar that was
+        full begins another pass, which the line names: data may be read several times. A label may end with a remark
+        that changes, such as "wool/neumip: fitting · 28.1 dB"; what stands before it names the bar.
         """
         label = visible(label)
         from bench.codec import REMARK  # here, since `list` and `compare` start without PyTorch
@@ -70,10 +74,15 @@ class Console:
         bar, _, _ = label.partition(REMARK)
         if bar not in self.tasks:
             self.tasks[bar] = self.bars.add_task(label, total=total, start_at=done)
+            self.passes[bar] += 1
+            self.tenths[bar] = -1  # none yet
         task = self.tasks[bar]
         self.bars.update(task, description=label, completed=done, total=total, moved_at=time.monotonic())
-        if not self.out.is_terminal and time.monotonic() - self.spoke >= SILENCE:
-            print(f"{label}: {done} of {total}", file=sys.stderr, flush=True)
+        tenth = 10 * done // max(total, 1)
+        if not self.out.is_terminal and tenth > self.tenths[bar] and time.monotonic() - self.spoke >= SILENCE:
+            which = f" (pass {self.passes[bar]})" if self.passes[bar] > 1 else ""
+            print(f"{label}{which}: {done} of {total}", file=sys.stderr, flush=True)
+            self.tenths[bar] = tenth
             self.spoke = time.monotonic()
         if done >= total:
             self.bars.remove_task(self.tasks.pop(bar))
@@ -185,7 +194,11 @@ def btf_lines(portrait: "Look") -> str:
     lines.append(f"values ({of_which}): minimum {low:.4g}, median {np.median(values):.4g}, maximum {high:.4g}")
     lines += _frame_lines(portrait)
     lines.append(f"fingerprint: {btf.fingerprint}")
-    lines += [f"  {key}: {value}" for key, value in btf.provenance.items()]
+    for key, value in btf.provenance.items():
+        words = value
+        if isinstance(value, dict):
+            words = ", ".join(f"{name} = {entry}" for name, entry in value.items())
+        lines.append(f"  {key}: {words}")
     lines += [f"warning: {text}" for text in portrait.warnings()]
     return "\n".join(visible(line) for line in lines)
 

@@ -6,11 +6,13 @@ restored, and what it does wrong can be turned into one error that names it.
 
 import inspect
 import os
+import sysconfig
 import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import NamedTuple
 
 import torch
@@ -24,6 +26,7 @@ from bench.machine.process_state import restored_process_state
 from bench.machine.threads import processor_seconds, torch_threads
 
 Encode = Callable[[BTF, Fit], Parts]  # a codec's own `encode`, or another that makes the parts of its file
+_STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 _left: list[threading.Thread] = []  # threads that codecs started and did not end
 
 
@@ -163,14 +166,26 @@ def error_in_words(error: BaseException, codec: Codec) -> str:
 
 def _own_line(error: BaseException, codec: Codec) -> str:
     """The file and line of a codec's own package where an error was raised; "" if the traceback shows none."""
+    place = ""  # of the last frame, which is the innermost
+    for frame, line in own_frames(error, codec):
+        place = f"{frame.f_code.co_filename}:{line}"
+    return place
+
+
+def own_frames(error: BaseException, codec: Codec) -> Iterator[tuple[FrameType, int]]:
+    """The frames of a codec's own package in the trace of an error, each with its line, the innermost last.
+
+    A virtual environment often lies beside a codec: what is installed there is not its author's.
+    """
     try:
         folder_of_codec = Path(inspect.getfile(type(codec))).parent
     except (TypeError, OSError):  # a class typed into a shell has no file
-        return ""
+        return
     folder_of_suite = Path(__file__).parents[1]  # `bench`
-    place = ""  # of the last frame that fits, which is the innermost
-    for frame in traceback.extract_tb(error.__traceback__):
-        file = Path(frame.filename)
-        if file.is_relative_to(folder_of_codec) and not file.is_relative_to(folder_of_suite):
-            place = f"{frame.filename}:{frame.lineno}"
-    return place
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        file = Path(frame.f_code.co_filename)
+        if not file.is_relative_to(folder_of_codec) or file.is_relative_to(folder_of_suite):
+            continue
+        installed = {"site-packages", "dist-packages"} & {*file.relative_to(folder_of_codec).parts}
+        if not installed and not file.is_relative_to(_STANDARD_LIBRARY):
+            yield frame, line

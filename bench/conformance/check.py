@@ -22,7 +22,7 @@ from torch import Tensor
 from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
-from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, threads_left
+from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, own_frames, threads_left
 from bench.conformance import counting, emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
 from bench.inputs.errors import InputError, answered
@@ -231,12 +231,17 @@ def refuses(tested: CodecUnderTest) -> None:
     raise CheckError("a direction of NaN was answered")
 
 
-def counted(tested: CodecUnderTest) -> None:
+def counted(tested: CodecUnderTest) -> str | None:
     """declared parameters, channels and numbers in textures are those that are counted"""
     _, parts = container.read_parts(tested.header.path)
     fault = counting.fault(tested.material, parts)
     if fault:
         raise CheckError(fault)
+    constant = counting.constant_bytes(parts)
+    if not constant:
+        return None
+    what = ", ".join(f"{name} ({size:,} bytes)" for name, size in constant.items())
+    return f"the file stores one number many times: {what}"
 
 
 def leaves_the_process(tested: CodecUnderTest) -> None:
@@ -318,8 +323,23 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
             material.slice(tested.btf.wo[0].tolist(), tested.btf.wi[0].tolist())
     except emulated.NoEmulationError as error:
         raise NotApplicable(str(error)) from error
+    except RuntimeError as error:
+        _name_the_tensor(error, codec)
+        raise
     on_the_cpu = loading.load(path, network=tested.network).material
     _require_same("on the GPU", answers, on_the_cpu.query(*queries), ROUNDING)
+
+
+def _name_the_tensor(error: RuntimeError, codec: Codec) -> None:
+    """Raise a `CheckError` that names the tensor of the CPU which an operation met, if a line of the codec has it."""
+    frames = list(own_frames(error, codec))
+    if emulated.DIFFERENT not in str(error).lower() or not frames:
+        return
+    frame, line = frames[-1]
+    left = ", ".join(f"`{name}`" for name in emulated.left_in(frame, line))
+    if left:
+        remedy = "move it by .to(fit.device), in a material by .to(wi.device)"
+        raise CheckError(f"{left} on the CPU: {remedy} ({error_in_words(error, codec)})") from error
 
 
 def _decoded_on(device: torch.device, codec: Codec, parts: Parts, queries: list[Tensor]) -> Material:

@@ -12,7 +12,10 @@ import torch
 from torch import Tensor, nn
 
 from bench.codec import Parts
+from bench.codecs.container import PARTS
 from bench.material import Material, parameters
+
+MANY = 1_000  # the same number in a file so often is worth a word
 
 
 def fault(material: Material, parts: Parts) -> str:
@@ -58,6 +61,16 @@ def _fault_of_textures(material: Material, texture: dict[str, Tensor]) -> str:
     if channels is not None and declared.texture_channels != channels:
         return f"declares {declared.texture_channels:,} texture channels, stores {channels:,}"
     return ""
+
+
+def constant_bytes(parts: Parts) -> dict[str, int]:
+    """The bytes of each tensor of a file, `part/name`, that holds one number at least `MANY` times."""
+    found = {}
+    for part in PARTS:
+        for name, values in getattr(parts, part).items():
+            if values.numel() >= MANY and bool((values == values.flatten()[0]).all()):
+                found[f"{part}/{name}"] = values.nbytes
+    return found
 
 
 def decoder_floats(decoder: dict[str, Tensor]) -> range:

@@ -8,13 +8,15 @@ generator of the CPU. `counted` counts what a GPU and its host would do: kernels
 Not emulated: rounding and order of sums of a GPU, dtypes that it lacks, asynchrony, torch.compile and Triton.
 """
 
+import linecache
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any
 
 import torch
@@ -22,6 +24,7 @@ from torch import Tensor
 from torch.utils import _pytree as tree
 
 NAME = "gpu"
+DIFFERENT = "expected all tensors"  # begins what PyTorch and this module say of tensors on two devices, in some case
 
 # Where CUDA takes tensors of the CPU: indices, and numbers (0-dim) in `pointwise` operations and in these.
 _INDEXING = {"aten::index", "aten::index_put", "aten::index_put_", "aten::_index_put_impl_"}
@@ -214,7 +217,7 @@ class _Operands:
             if self.name in _INDEXING and position == 1:  # the indices, the second argument, which a GPU copies
                 _copy_noted("an index", value)
                 return value
-            raise RuntimeError(f"{self.name}: expected all tensors on {NAME}, but one is on {value.device}")
+            raise RuntimeError(f"{self.name}: {DIFFERENT} on {NAME}, but one is on {value.device}")
         host = _host(value)
         self.lowered_tensors[id(host)] = host, value
         self.storages[host.untyped_storage()._cdata] = value.untyped_storage()
@@ -287,6 +290,16 @@ def _convolved_back(grad: Tensor, *args: Any) -> Any:
     inputs_and_weights, rest = args[:2], args[2:]
     shape_of_bias = [grad.shape[1]]
     return _computed(_aten.convolution_backward.default, grad, *inputs_and_weights, shape_of_bias, *rest)
+
+
+def left_in(frame: FrameType, line: int) -> list[str]:
+    """The names on a line of a frame's code that are tensors of the CPU, or hold some: variables and globals."""
+    words = re.findall(r"\w+", linecache.getline(frame.f_code.co_filename, line))
+    values = frame.f_globals | frame.f_locals
+    names = list[str]()
+    for word in dict.fromkeys(words):
+        names += [name for name in left_behind({word: values.get(word)}) if name not in names]
+    return names
 
 
 def left_behind(owner: object) -> list[str]:

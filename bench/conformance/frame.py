@@ -13,6 +13,7 @@ truth then; without it the truth only gets farther away.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import torch
@@ -21,7 +22,7 @@ from torch import Tensor
 from bench.btf import BTF, ArraySource
 from bench.directions.hemisphere import from_degrees, product
 from bench.material import Material, texel_centres, texel_corners
-from bench.metrics.display import decode_srgb, encode_srgb
+from bench.metrics.display import LOG_SCALE, decode_srgb, encode_srgb, exposure, exposure_of
 
 SHAPE = (8, 12)  # not square, so that height and width are told apart
 WRONG, RIGHT = 0.65, 0.35  # a share above or below these decides; between them the codec does not separate the two
@@ -186,7 +187,8 @@ MISTAKES: dict[str, Mistake] = {  # each possible mistake, by how a codec with i
 }
 # So near the truth that a blur lies toward it, too: its error must be far below that of the truth.
 LOGARITHM = "as log1p(radiance) for radiance (expm1 undoes it)"
-OF_LOGARITHM = _curved(np.log1p, np.expm1)
+OF_GAIN = "as log1p(gain · radiance) / gain for radiance (to_radiance undoes it)"
+OF_GAIN_BARE = "as log1p(gain · radiance) for radiance (to_radiance undoes it)"
 # What is wrong, and what to do, where the arrangement's name alone could be taken for advice.
 REMEDIES = {
     "without the cosine of ω_i": "your answers lack the cosine of ω_i: multiply them by wi[:, 2:]",
@@ -194,7 +196,30 @@ REMEDIES = {
     "as sRGB for linear radiance": "your answers are sRGB: decode them to linear radiance",
     "with sRGB undone twice": "your answers had sRGB undone twice: decode it once only",
     LOGARITHM: "your answers are log1p(radiance): undo it by expm1",
+    OF_GAIN: "your answers are log1p(gain · radiance) / gain: undo it by to_radiance(level, gain)",
+    OF_GAIN_BARE: "your answers are log1p(gain · radiance): undo it by to_radiance(level, gain)",
 }
+
+
+@cache
+def logarithms() -> dict[str, Mistake]:
+    """The mistakes of codecs that predict a logarithm and do not undo it, by how they answer.
+
+    A codec takes its gain g from the data: g · q is the same, c, for the bright quantile q of any data. Given
+    y = expm1(h · x) / h it answers x by `OF_GAIN`, if its gain for y is h: then expm1(h · q) = c, so h = log1p(c) / q.
+    By `OF_GAIN_BARE` it answers h · x, which no gain turns into x, but which is nearer to it.
+    """
+    gain = LOG_SCALE * exposure(material())
+    c = LOG_SCALE * exposure_of(np.ones(1))  # of data that are 1, the gain is c
+    given = gain * math.log1p(c) / c
+    undone = _through(lambda values: np.expm1(given * values) / given)
+    return {
+        LOGARITHM: _curved(np.log1p, np.expm1),
+        OF_GAIN: Mistake(_through(lambda values: np.log1p(gain * values) / gain), undone),
+        OF_GAIN_BARE: Mistake(_through(lambda values: np.log1p(gain * values)), undone),
+    }
+
+
 FAR_BELOW = 0.25  # the share of the truth's error that counts as far below it
 
 
@@ -237,8 +262,9 @@ class FrameAnswers:
     def suspicions(self) -> list[tuple[str, Mistake]]:
         """The mistakes that the answers suggest, each with what to say of it, the likeliest first."""
         found = [(description, MISTAKES[description]) for description, share in self.shares().items() if share > WRONG]
-        if self.error(OF_LOGARITHM.answers) < FAR_BELOW * self.error():
-            found.append((LOGARITHM, OF_LOGARITHM))
+        for description, mistake in logarithms().items():
+            if self.error(mistake.answers) < FAR_BELOW * self.error():
+                found.append((description, mistake))
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE and scale > 0:
             of_scale = _curved(lambda values: values * scale, lambda values: values / scale)

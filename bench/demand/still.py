@@ -7,7 +7,7 @@ the material: place, footprint, view, light and weight.
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,10 +22,17 @@ from bench.directions.hemisphere import from_degrees
 from bench.files.atomic import replacing
 from bench.inputs.errors import InputError, writable
 from bench.material import Material
-from bench.metrics.display import exposure_of, to_display
+from bench.metrics.display import display_error, exposure_of, to_display
+from bench.metrics.psnr import psnr
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 RAYS = 65_536  # rays cast at once
 SUFFIXES = (".png", ".exr")
+CAPTION = 34  # pixels below a PNG, for two lines of text
+SMALLEST = 8  # of the text, in pixels; a caption that would need a smaller one is left out
+GREY = (128, 128, 128, 255)  # of captions: read on a light page and on a dark one
 
 Answers = Callable[[Demand], Array]  # the queries of a demand → linear radiance (n, 3)
 
@@ -110,15 +117,22 @@ def exposure_for(picture: Array) -> float:
     return exposure_of(picture[covered][:, :3])
 
 
-def write(path: Path, picture: Array, exposure: float) -> None:
+def write(path: Path, picture: Array, exposure: float, captions: Sequence[str] = ()) -> None:
     """Write a picture (H, W, 4): linear floats, not exposed, as `.exr`; display-transformed 8 bits as `.png`. Pixels
-    beside the surface are transparent. Raises `InputError` for any other ending, and if the file cannot be written."""
+    beside the surface are transparent. A PNG has the captions below, each under its share of the width, if they are
+    legible there. Raises `InputError` for any other ending, and if the file cannot be written."""
     check_ending(path)
     with writable(path), replacing(path) as partial:
         if path.suffix == ".exr":
             _write_exr(partial, picture)
         else:
-            _write_png(partial, picture, exposure)
+            _write_png(partial, picture, exposure, captions)
+
+
+def psnr_in_frame(picture: Array, truth: Array, exposure: float) -> float:
+    """The display PSNR in dB of a picture (H, W, 4), over the pixels that show nothing but the surface."""
+    covered = truth[..., 3] > 0.999
+    return float(psnr(display_error(picture[covered][:, :3], truth[covered][:, :3], exposure)))
 
 
 def check_ending(path: Path) -> None:
@@ -136,11 +150,34 @@ def _write_exr(path: Path, picture: Array) -> None:
         file.write(str(path))
 
 
-def _write_png(path: Path, picture: Array, exposure: float) -> None:
+def _write_png(path: Path, picture: Array, exposure: float, captions: Sequence[str]) -> None:
     """Write a picture (H, W, 4) in 8 bits after the display transform; PNG wants colours not weighted by alpha."""
     from PIL import Image
 
     alpha = picture[..., 3:]
     shown = to_display(picture[..., :3] / np.maximum(alpha, 1e-9), exposure)
     pixels = np.round(255 * np.concatenate([shown, alpha], -1)).astype(np.uint8)
-    Image.fromarray(pixels).save(path, format="png", optimize=True)
+    image = Image.fromarray(pixels)
+    if captions:
+        image = _captioned(image, captions)
+    image.save(path, format="png", optimize=True)
+
+
+def _captioned(image: "Image", captions: Sequence[str]) -> "Image":
+    """The image with captions below, in the largest text that fits; the image itself if none is legible."""
+    from PIL import ImageDraw, ImageFont
+    from PIL.Image import new
+
+    width = image.width // len(captions)
+    whole = new("RGBA", (image.width, image.height + CAPTION))
+    whole.paste(image, (0, 0))
+    draw = ImageDraw.Draw(whole)
+    for size in range(CAPTION * 2 // 5, SMALLEST - 1, -1):
+        font = ImageFont.load_default(size)
+        widest = max(draw.multiline_textbbox((0, 0), caption, font)[2] for caption in captions)
+        if widest < width:
+            for number, caption in enumerate(captions):
+                middle = ((number + 0.5) * width, image.height + CAPTION / 2)
+                draw.multiline_text(middle, caption, GREY, font, anchor="mm", align="center")
+            return whole
+    return image

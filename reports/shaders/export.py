@@ -6,6 +6,7 @@ ones; both are pictures of RGBA whose texels the function reads by number.
 
 from importlib.metadata import version
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import OpenEXR
@@ -40,9 +41,19 @@ levels and no colour conversion.
   without levels of detail ignore it.
 - **Your part**: answer 0 where `wo.z <= 0` or `wi.z <= 0`, and clamp the answer at 0.
 
+## Test vectors
+
+What the decoded file answers. Your copy is right if it agrees within {tolerance:g} of the brightest, about what
+textures of halves round.
+
+| u, v | wo | wi | footprint | R, G, B |
+| --- | --- | --- | --- | --- |
+{vectors}
+
 Made from {source}, by neubtf-bench {suite}.
 """
 
+TOLERANCE = 1e-3  # of the brightest answer, between a shader and the decoded file
 # A whole fragment shader around the function: it compiles as it is, and shows how the function is called.
 FRAGMENT = """#version 300 es
 precision highp float;
@@ -62,11 +73,35 @@ void main() {{
 """
 
 
-def export(program: Program, name: str, language: str, folder: Path, source: str) -> tuple[list[Path], int]:
+class Vectors(NamedTuple):
+    """Queries and the answers of the decoded file to them, by which a copy of the shader can be checked.
+
+    uv (n, 2), wo and wi (n, 3), above the horizon; footprint (n,); rgb (n, 3).
+    """
+
+    uv: np.ndarray
+    wo: np.ndarray
+    wi: np.ndarray
+    footprint: np.ndarray
+    rgb: np.ndarray
+
+    def rows(self) -> str:
+        """The rows of a Markdown table; nine digits determine a 32-bit float."""
+        lines = []
+        for query in zip(self.uv, self.wo, self.wi, self.footprint[:, None], self.rgb, strict=True):
+            cells = [", ".join(f"{number:.9g}" for number in numbers) for numbers in query]
+            lines.append(f"| {' | '.join(cells)} |")
+        return "\n".join(lines)
+
+
+def export(
+    program: Program, name: str, language: str, folder: Path, source: str, vectors: Vectors
+) -> tuple[list[Path], int]:
     """Write shader, textures and README into a folder, which is made; returns their paths, and the bytes on a GPU.
 
     `name` is that of the material, and of its files; `language` a key of `DIALECTS`. `source` says in words of what the
-    program was made: codec, versions, file. `InputError` for another language, or a program that no shader can do.
+    program was made: codec, versions, file. `vectors` are answers of the material, for the README. `InputError` for
+    another language, or a program that no shader can do.
     """
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
@@ -82,7 +117,7 @@ def export(program: Program, name: str, language: str, folder: Path, source: str
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
         with replacing(path) as partial, OpenEXR.File(header, {"RGBA": np.ascontiguousarray(array)}) as file:
             file.write(str(partial))
-    write(readme, _readme(program, code, name, language, source).encode())
+    write(readme, _readme(program, code, name, language, source, vectors).encode())
     files = [function, exact, half, readme]
     if language == GLSL.name:  # the fragment shader is written in GLSL alone
         whole = folder / f"{name}.frag"
@@ -91,7 +126,7 @@ def export(program: Program, name: str, language: str, folder: Path, source: str
     return files, code.gpu_bytes
 
 
-def _readme(program: Program, code: Shader, name: str, language: str, source: str) -> str:
+def _readme(program: Program, code: Shader, name: str, language: str, source: str, vectors: Vectors) -> str:
     """The page of conventions that lies beside a shader, in Markdown."""
     # Width × height in words, of textures (height, width, 4).
     sizes = {"exact": "{1} × {0}".format(*code.exact.shape), "half": "{1} × {0}".format(*code.half.shape)}
@@ -101,4 +136,5 @@ def _readme(program: Program, code: Shader, name: str, language: str, source: st
     texture = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
     whole = f"`{name}.frag` is a whole fragment shader around it, GLSL ES 3.00. " if language == GLSL.name else ""
     words = {"name": name, "language": language.upper(), "suffix": language, "whole": whole, "source": source}
-    return README.format(**words, **sizes, **texture, suite=version("neubtf-bench"))
+    checks = {"vectors": vectors.rows(), "tolerance": TOLERANCE}
+    return README.format(**words, **sizes, **texture, **checks, suite=version("neubtf-bench"))

@@ -1,6 +1,11 @@
 // The settings that a person changes: by lists and sliders, by dragging, by keys.
 
 const SLIDERS = ["wipe", "exposure", "tiling", "zoom"], LISTS = ["shape", "light", "drag"];
+// What stands beside a slider.
+const UNITS = {
+  wipe: (x) => `${Math.round(100 * x)} %`, exposure: (x) => `${x < 0 ? "−" : "+"}${Math.abs(x).toFixed(1)} stops`,
+  tiling: (x) => `× ${x}`, zoom: (x) => `× ${x.toFixed(1)}`,
+};
 
 function controls(root, data, state, moved) {
   const find = (name) => root.querySelector(`[name=${name}]`);
@@ -8,6 +13,7 @@ function controls(root, data, state, moved) {
     const shown = [state.left, state.right].map((i) => data.models[i]);
     root.querySelector("[data-note]").textContent = [...new Set(shown.map(({ note }) => note).filter(Boolean))].join(" · ");
     ["left", "right"].forEach((side, i) => { root.querySelector(`[data-${side}]`).textContent = shown[i].label; });
+    for (const name of SLIDERS) root.querySelector(`[data-of=${name}]`).textContent = UNITS[name](state[name]);
     root.style.setProperty("--wipe", state.wipe);
     root.classList.toggle("alone", data.models.length < 2);
   }

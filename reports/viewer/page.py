@@ -6,11 +6,15 @@ material as a list of plain operations; its *shader* is a function in GLSL with 
 """
 
 import base64
+import dataclasses
 import json
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import NamedTuple
+
+import numpy as np
 
 from bench.program import Program
 from reports.html import TEMPLATES
@@ -24,9 +28,11 @@ body { font: 16px/1.4 system-ui, sans-serif; margin: 1rem auto; max-width: 70rem
 h1 { overflow-wrap: anywhere; }
 """
 START = """
-const data = JSON.parse(document.getElementById("models").textContent);
-window.viewer = mountViewer(document.querySelector(".viewer"), data);
+unpacked("models").then((data) => { window.viewer = mountViewer(document.querySelector(".viewer"), data); });
 """
+# Of a half's 11 significant bits, those that a page drops from slices: a value then moves by 0.2 % at most, less than
+# half a step of an 8-bit display, and the deflated page is a third smaller.
+DROPPED = 3
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,7 @@ class Shown:
     program: Program
     exposure: float  # the factor from radiance to what the page shows
     note: str = ""  # a line about it
+    slices: bool = False  # whether its table of halves holds slices, which take far more than anything else
 
 
 def model_data(model: Shown, encode: Callable[[bytes], object]) -> dict[str, object]:
@@ -45,6 +52,8 @@ def model_data(model: Shown, encode: Callable[[bytes], object]) -> dict[str, obj
     `encode` takes the bytes of each array. `InputError` where no shader can do its program.
     """
     full = shader(model.program, GLSL)
+    if model.slices:
+        full = dataclasses.replace(full, half=_rounded(full.half))
     spare = fallback(model.program, GLSL)
     data: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure}
     data |= {"periods": model.program.periods, **_encoded(full, encode)}
@@ -52,6 +61,14 @@ def model_data(model: Shown, encode: Callable[[bytes], object]) -> dict[str, obj
         # Only what differs, so that textures that are the same are not written twice.
         data["fallback"] = {key: value for key, value in _encoded(spare, encode).items() if data[key] != value}
     return data
+
+
+def _rounded(half: np.ndarray) -> np.ndarray:
+    """Halves of at least 0 without their `DROPPED` last bits, rounded to the nearest; they deflate better."""
+    codes = half.view(np.uint16).astype(np.uint32) + (1 << (DROPPED - 1))
+    largest = np.finfo(np.float16).max.view(np.uint16)
+    kept = np.minimum(codes, largest) >> DROPPED << DROPPED
+    return kept.astype(np.uint16).view(np.float16)
 
 
 def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, object]:
@@ -90,13 +107,18 @@ def fragment() -> Fragment:
     return Fragment(css, script)
 
 
+def unpacked() -> str:
+    """The script of the function `unpacked(id)`, which reads what `pack` wrote into an element of a page."""
+    return (files("reports") / "web" / "unpacked.js").read_text("utf-8")
+
+
 def page(title: str, models: Sequence[Shown]) -> str:
     """The HTML of a whole page with these materials. `InputError` if no shader can compute a program."""
     parts = fragment()
-    drawn = [model_data(model, lambda raw: base64.b64encode(raw).decode()) for model in models]
-    data = Data("models", as_json({"width": WIDTH, "models": drawn}))
+    drawn = [model_data(model, encode=bytes) for model in models]  # arrays stay bytes, which `pack` takes
+    data = Data("models", pack({"width": WIDTH, "models": drawn}), "text/plain")
     styles = [STYLE + parts.css]
-    scripts = [parts.script + START]
+    scripts = [unpacked() + parts.script + START]
     return TEMPLATES.get_template("view.html").render(title=title, styles=styles, scripts=scripts, data=[data])
 
 
@@ -106,3 +128,23 @@ def as_json(data: object) -> str:
     The line and paragraph separators of Unicode are escaped as well.
     """
     return json.dumps(data).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def pack(data: object) -> str:
+    """Data of dicts, lists and `bytes` objects as one text for a page, which the page's function `unpacked` reads.
+
+    The text is base64 of deflated bytes: the length of the JSON in four bytes, the JSON, then the `bytes` objects one
+    after the other. In the JSON, {raw: [start, length]} stands in place of a `bytes` object. Its base64 inside the JSON
+    would make the text larger, because base64 deflates badly.
+    """
+    places: dict[bytes, list[int]] = {}  # by `bytes` object, in order: where it starts after the JSON, and its length
+
+    def placeholder(raw: bytes) -> object:
+        """What stands for a `bytes` object in the JSON. Notes it in `places`; equal ones share a place."""
+        start = sum(map(len, places))
+        return {"raw": places.setdefault(raw, [start, len(raw)])}
+
+    text = json.dumps(data, default=placeholder).encode()
+    length = len(text).to_bytes(4, "little")
+    packed = zlib.compress(length + text + b"".join(places), level=9)  # the smallest
+    return base64.b64encode(packed).decode()

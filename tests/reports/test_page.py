@@ -264,7 +264,7 @@ def test_bounds_are_sorted_as_numbers_and_exact_is_the_best_in_either_direction(
     table = Table("main", "bounds", [("codec", ""), ("made", unit)], [["≥35.2"], ["exact"], ["4"], ["—"], ["36.0"]])
     for row in table.rows:
         row.append(row[0])
-    parts = [f"<script>{(WEB / name).read_text('utf-8')}</script>" for name in ("core.js", "tables.js")]
+    parts = [f"<script>{(WEB / name).read_text('utf-8')}</script>" for name in ("unpacked.js", "core.js", "tables.js")]
     tab = browser.new_page()
     tab.set_default_timeout(20_000)
     tab.set_content("".join([EMPTY, TEMPLATES.get_template("parts.html").module.table(table), *parts]))

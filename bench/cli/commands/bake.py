@@ -7,11 +7,12 @@ examples:
 """
 
 import argparse
+import time
 from pathlib import Path
 
 from bench.cli.commands import assignments, seed_option
 from bench.cli.console import Console
-from bench.data.bake import bake, read_surface, recognise, table
+from bench.data.bake import bake, read_surface, recognise, size_note, table
 from bench.data.spec import Preparation
 from bench.demand.mitsuba import load_path_tracer
 from bench.inputs.errors import FINE, InputError
@@ -42,10 +43,16 @@ def run(options: argparse.Namespace) -> int:
     with Console() as console:
         maps = recognise(options.folder, _files_of_maps(options.map))
         surface = read_surface(maps, data.size, options.depth)
-        console.say(f"{options.folder}:\n{table(surface)}")
+        console.say(f"{options.folder}, baked at {size_note(surface)}:\n{table(surface)}")
+        start = time.perf_counter()
         bake(surface, data, options.out, console.show, options.seed, path_tracer)
+        seconds = time.perf_counter() - start
     pairs = data.views * data.lights + data.heldout
-    console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}")
+    console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}, in {seconds:.0f} s")
+    if surface.full_shape > surface.shape:
+        texels = max(surface.full_shape)
+        whole = seconds * (texels / max(surface.shape)) ** 2
+        console.say(f"--size {texels} would keep all texels of the maps, and take about {whole:,.0f} s")
     return FINE
 
 

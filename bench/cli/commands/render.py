@@ -2,7 +2,8 @@
 
 The scene is `sphere`, `plane`, `drape` or another one that ships with the suite, or a TOML file (see docs/scenes.md).
 With the extra [mitsuba] it may be a Mitsuba 3 XML file: the codec files replace one of its BSDFs (see
-docs/rendering.md). Several files, and the BTF of --truth before them, stand side by side at one exposure.
+docs/rendering.md). Several files, and the BTF of --truth before them, stand side by side at one exposure, with
+captions below in a PNG: codec, bytes, and the display PSNR in this frame where --truth is given.
 
 examples:
   neubtf-bench render satin.nbtf -o satin.png
@@ -17,6 +18,7 @@ import numpy as np
 
 from bench.cli.commands import assignments, say_line, several, usable_device
 from bench.cli.console import Console
+from bench.codecs.container import Header, read_header
 from bench.codecs.loading import load
 from bench.data.open import open_named
 from bench.demand import still
@@ -37,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command to its parser."""
     add = parser.add_argument
     add("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
-    add("--truth", metavar="BTF", help="show this BTF, a built-in material or a path, at the left")
+    add("--truth", metavar="BTF", help="show this BTF, built-in or a path, at the left (not in a Mitsuba scene)")
     several(parser, "--set", "how --truth is prepared", "data.KEY=VALUE")
     add("--scene", default="sphere", help="a scene of the suite, a TOML file or Mitsuba's XML (default: sphere)")
     add("--bsdf", metavar="ID", help="the id of the BSDF that the files replace, in a Mitsuba scene")
@@ -74,18 +76,23 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("--set: it says how --truth is prepared: give --truth, too")
     device = usable_device(options.device or "cpu")
     with Console() as console:
-        sides = [still.of_material(load(file, device).material) for file in options.files]
+        files = [load(file, device) for file in options.files]
+        sides = [still.of_material(file.material) for file in files]
         if options.truth:
             truth = open_named(options.truth, assignments(options.set), console.show)
             sides.insert(0, still.of_btf(table_of(truth)))
         rays = 2 if options.rays is None else options.rays
         pictures = still.render(scene, sides, options.frame, rays, show=console.show)
         exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
-        still.write(options.out, np.concatenate(list(pictures), 1), exposure)
         names = [file.name for file in options.files]
+        captions = [_caption(file.header) for file in files]
         if options.truth:
+            for number, picture in enumerate(pictures[1:]):
+                captions[number] += f"\n{still.psnr_in_frame(picture, pictures[0], exposure):.2f} dB in frame"
             names.insert(0, options.truth)
-        console.say(f"wrote {options.out}: {', '.join(names)}; exposure {exposure:.6g}")
+            captions.insert(0, "truth")
+        still.write(options.out, np.concatenate(list(pictures), 1), exposure, captions)
+        console.say(_written(options.out, names, captions, exposure))
     return FINE
 
 
@@ -109,8 +116,22 @@ def _path_traced(options: argparse.Namespace) -> int:
     with installed(f"--scene {options.scene}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]'"):
         from bench.demand.mitsuba.picture import path_traced
     scene = Path(options.scene)
+    captions = [_caption(read_header(file)) for file in options.files]
     pictures = [path_traced(scene, options.bsdf, file, options.tiling, options.samples) for file in options.files]
     exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
-    still.write(options.out, np.concatenate(pictures, 1), exposure)
-    say_line(f"wrote {options.out}: {', '.join(file.name for file in options.files)}; exposure {exposure:.6g}")
+    still.write(options.out, np.concatenate(pictures, 1), exposure, captions)
+    say_line(_written(options.out, [file.name for file in options.files], captions, exposure))
     return FINE
+
+
+def _caption(header: Header) -> str:
+    """What stands below the picture of a codec file."""
+    return f"{header.codec}, {header.file_bytes:,} bytes"
+
+
+def _written(out: Path, names: list[str], captions: list[str], exposure: float) -> str:
+    """What was written, and what the pictures are, from left to right."""
+    pictures = []
+    for name, caption in zip(names, captions, strict=True):
+        pictures.append(f"{name} ({', '.join(caption.splitlines())})")
+    return f"wrote {out}: {', '.join(pictures)}; exposure {exposure:.6g}"

@@ -12,7 +12,9 @@ import argparse
 import tempfile
 import webbrowser
 from pathlib import Path
+from typing import cast
 
+from bench.btf import BTF
 from bench.cli.commands import assignments, say_line, several
 from bench.cli.console import Console
 from bench.codec import Progress
@@ -20,8 +22,13 @@ from bench.codecs.loading import Loaded, load
 from bench.data.open import open_named
 from bench.files import atomic
 from bench.inputs.errors import FINE, InputError
+from bench.metrics import stats_of
+from bench.metrics.scoring import summarise
 from bench.program import Program
+from bench.records import PSNR, deciding_group
 from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
+from bench.runs.evaluation import Slices
+from bench.runs.workbench import Workbench
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import shader
 from reports.viewer.page import Shown, page
@@ -49,13 +56,15 @@ def run(options: argparse.Namespace) -> int:
             btf = open_named(options.truth, changes, console.show)
             program, common_exposure = drawable_truth(btf, console.show)
             note = "truth: the training pairs, interpolated between directions"
-            models = [Shown(f"{btf.name}, truth", program, common_exposure, note)]
+            models = [Shown(f"{btf.name}, truth", program, common_exposure, note, slices=True)]
         for file in map(load, options.files):  # each with a program that the page runs, and a note on it
             (program, exposure), note = _drawn(file, console.show)
             if not common_exposure:  # one for all, the first, so that brightness can be compared
                 common_exposure = exposure
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
-            models.append(Shown(label, program, common_exposure, note))
+            if options.truth:
+                label += f", {_psnr(file, btf, console.show):.2f} dB"
+            models.append(Shown(label, program, common_exposure, note, slices=bool(note)))
         title = models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem
         text = page(title, models)
     out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
@@ -64,6 +73,15 @@ def run(options: argparse.Namespace) -> int:
     if not options.out and not webbrowser.open(out.as_uri()):
         raise InputError(f"no browser could be opened: open {out} by hand, or choose a place with -o")
     return FINE
+
+
+def _psnr(file: Loaded, btf: BTF, show: Progress) -> float:
+    """The number that decides, as a record has it: the mean display PSNR of a file at the test pairs of its BTF."""
+    workbench = Workbench(btf, btf.name, metrics=(PSNR,))
+    scores = workbench.scorer.score(workbench.deciding, Slices(workbench, file.material, show).slice)
+    groups = {deciding_group(workbench.groups): workbench.deciding}
+    summary = summarise(scores, btf.wo, btf.wi, groups)
+    return cast(float, stats_of({"scores": summary}, PSNR)["mean"])
 
 
 def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], str]":

@@ -14,6 +14,7 @@ import logging
 import shutil
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -34,7 +35,8 @@ from bench.data.spec import Preparation, Table
 from bench.files import atomic
 from bench.files.atomic import cache_dir
 
-__all__ = ["PathTracer", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
+__all__ = ["PathTracer", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise"]
+__all__ += ["size_note", "table"]
 # Increment when all maps are read differently: it stands in every baked file, and so in the fingerprints of published
 # rows. What changes the reading of some maps alone is told by `_read_differently_before`.
 BAKE_VERSION = 2
@@ -191,10 +193,17 @@ def open_svbrdf(
     `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
     name = folder.resolve().name  # `.` has no name of its own
+    map_files = recognise(folder)
+
+    @cache
+    def surface_once() -> Surface:
+        """The surface that all tables are rendered from, read and described once."""
+        surface = read_surface(map_files, data.size)
+        log.warning("baking %s at %s\n%s", folder, size_note(surface), table(surface))
+        return surface
 
     def cached(pair_table: Table) -> BTF:
         """The BTF of one table of pairs, baked into the cache if it is not there."""
-        map_files = recognise(folder)
         # A table of held-out pairs is described in words, the product by its directions.
         pair_notes: dict[str, Any] = {"heldout": pair_table.words} if pair_table.words else _product_notes(data)
         if path_tracer:
@@ -208,8 +217,7 @@ def open_svbrdf(
         if not path.exists():
             with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
                 if not path.exists():  # else another process has baked it meanwhile
-                    surface = read_surface(map_files, data.size)
-                    log.warning("baking %s\n%s", folder, table(surface))
+                    surface = surface_once()
                     # `joined` marks the held-out pairs.
                     _bake(surface, pair_table.pairs, None, pair_notes, path, show, seed=0, path_tracer=path_tracer)
         return replace(open_btf(path), name=name)  # a reader names it by the file in the cache
@@ -242,6 +250,14 @@ def table(surface: Surface) -> str:
     """The lines that list the recognised maps and the unused pictures, and how each was used."""
     width = max(map(len, surface.notes))
     return "\n".join(f"  {role:<{width}}  {text}" for role, text in surface.notes.items())
+
+
+def size_note(surface: Surface) -> str:
+    """The texels (H, W) of a bake, and those of its maps if they are more."""
+    note = f"{surface.shape[0]} × {surface.shape[1]} texels"
+    if surface.full_shape > surface.shape:
+        note += f", of maps of {surface.full_shape[0]} × {surface.full_shape[1]}"
+    return note
 
 
 def _product_notes(data: Preparation) -> dict[str, Any]:

@@ -52,6 +52,7 @@ class Surface:
     name: str
     shape: tuple[int, int]  # (H, W) of the bake; `maps` may be finer
     maps: Maps
+    full_shape: tuple[int, int]  # (H, W) of the albedo in its file
     notes: dict[str, str] = field(default_factory=dict)  # map, or name of an unused picture → how it was used, in words
 
 
@@ -84,7 +85,7 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     albedo = reader.shrunk(reader.albedo)
     maps = Maps(relief, albedo, roughness, metalness, anisotropy=anisotropy, angle=angle, normal=normal)
     notes |= {name: f"not used: {why}" for name, why in map_files.unused.items()}
-    return Surface(map_files.folder.resolve().name, reader.shape, maps, notes)
+    return Surface(map_files.folder.resolve().name, reader.shape, maps, reader.full_shape, notes)
 
 
 def _warn_of_doubts(map_files: MapFiles) -> None:
@@ -109,7 +110,8 @@ class _Reader:
         self.albedo = read_picture(self.files, name)
         if self.albedo.min() < 0 or self.albedo.max() > 1:
             raise InputError(f"{self.files.label(name)}: an albedo must lie in [0, 1]: scale it")
-        self.full_shape = self.albedo.shape[:2]
+        height, width = self.albedo.shape[:2]
+        self.full_shape = (height, width)
         self.shape = _fitted_shape(self.full_shape, size)
         self.grid = self.limited_shape(SUB_POINTS * size)  # one map texel per sub-point, so no detail is skipped
 

@@ -56,6 +56,22 @@ def test_without_a_terminal_a_long_silence_is_broken(clock, monkeypatch, capsys)
         assert capsys.readouterr().err == ""
 
 
+def test_without_a_terminal_each_tenth_of_a_pass_is_printed_once(clock, monkeypatch, capsys):
+    monkeypatch.setattr(console, "SILENCE", 10.0)
+    moments = [0, 0, 5, 54, 40, 58, 61, 22, 137, 200]  # a fit that goes back, and a caller that repeats itself
+    with console.Console() as screen:
+        for done in moments:
+            clock[0] += 11
+            screen.show("reading", done, 200)
+        for _ in range(3):  # a second pass over the same data
+            clock[0] += 11
+            screen.show("reading", 22, 200)
+        clock[0] += 11
+        screen.show("jobs", 0, 0)
+    first = [f"reading: {done} of 200" for done in (0, 54, 61, 137, 200)]
+    assert capsys.readouterr().err.splitlines() == [*first, "reading (pass 2): 22 of 200", "jobs: 0 of 0"]
+
+
 def test_what_is_said_holds_no_control_characters(clock, capsys):
     screen = console.Console()
     screen.say("a\x1b[2J\nb\r")

@@ -1,5 +1,6 @@
 """What a codec does wrong while it encodes is one error that names it, and the process stays as it was."""
 
+import importlib
 import os
 import textwrap
 import threading
@@ -11,7 +12,7 @@ import pytest
 from baselines.mean_colour import MeanColour
 from bench import cli
 from bench.codec import Fit
-from bench.codecs.encoding import fit_codec, fit_to_file, naming_faults, threads_left
+from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, naming_faults, threads_left
 from bench.conformance.check import leaves_the_process, tiny_btf
 from bench.conformance.verdicts import check
 from bench.inputs.errors import EncodeError, InputError
@@ -49,6 +50,22 @@ def test_any_error_of_a_codec_names_codec_data_and_line(error, says):
     assert message.startswith(f"codec mean-colour failed to encode check: {says}")
     assert f"{Path(__file__).name}:" in message
     assert "\n" not in message
+
+
+@pytest.mark.parametrize("inside", ["lib/python3/site-packages", "lib/python3/dist-packages"])
+def test_what_is_installed_beside_a_codec_is_not_its_authors_line(inside, tmp_path, monkeypatch):
+    packages = tmp_path / ".venv" / inside
+    packages.mkdir(parents=True)
+    (packages / "a_library.py").write_text("def fails(x):\n    raise ValueError(x)\n")
+    codec = "from bench.codec import Codec\nimport a_library\n\n\nclass Mine(Codec):\n    name, version = 'mine', 1\n\n"
+    codec += "    def encode(self, btf, fit):\n        a_library.fails(1)\n"
+    (tmp_path / "a_codec_beside_it.py").write_text(codec)
+    monkeypatch.syspath_prepend(str(packages))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    mine = importlib.import_module("a_codec_beside_it").Mine()
+    with pytest.raises(ValueError, match="1") as raised:
+        mine.encode(None, None)
+    assert error_in_words(raised.value, mine).endswith("a_codec_beside_it.py:9)")
 
 
 def test_bad_input_and_a_full_disk_are_not_the_codecs_fault():

@@ -12,7 +12,7 @@ import torch
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.codec import Codec, Parts
 from bench.conformance import emulated, stress
-from bench.conformance.check import STAGES, CodecUnderTest, encodes, framed, on_a_gpu
+from bench.conformance.check import STAGES, CodecUnderTest, counted, encodes, framed, on_a_gpu
 from bench.conformance.verdicts import _extremes, check, codec_to_check
 from bench.material import DecoderCost, Material
 from bench.training.quantise import unpack
@@ -250,6 +250,41 @@ def untold(self, parts, device):
 def test_a_decoder_that_leaves_a_tensor_on_the_cpu_is_told_its_name(codec, says, monkeypatch, gpu):
     (message,) = failures(codec, monkeypatch).values()
     assert message.startswith(says)
+
+
+TINT = torch.full((3,), 1.0)
+
+
+class WithAGlobal(MeanColourMaterial):
+    def evaluate(self, uv, wo, wi, footprint):
+        return super().evaluate(uv, wo, wi, footprint) * TINT
+
+
+def fits_with_a_variable(self, btf, fit):
+    mean = MeanColour.encode(self, btf, fit).texture["mean"].to(fit.device)
+    weights = torch.full((1, 3), 1.0)
+    return Parts(texture={"mean": torch.cat([mean * 1, weights.expand(*mean.shape)], 0)[: len(mean)]})
+
+
+@pytest.mark.parametrize(
+    ("codec", "name"),
+    [(broken(WithAGlobal), "TINT"), (with_method("encode", fits_with_a_variable), "weights")],
+)
+def test_a_tensor_that_meets_the_gpus_on_the_cpu_is_named_with_the_authors_line(codec, name, monkeypatch, gpu):
+    (message,) = failures(codec, monkeypatch).values()
+    assert message.startswith(f"`{name}` on the CPU")
+    assert f"{__file__}:" in message
+
+
+def test_a_file_of_one_number_is_noted(monkeypatch):
+    def padded(self, btf, fit):
+        parts = MeanColour.encode(self, btf, fit)
+        return replace(parts, other={**parts.other, "padding": torch.zeros(50_000)})
+
+    codec = with_method("encode", padded)
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
+    (note,) = [result.note for result in check(codec()) if result.name == counted.__doc__]
+    assert "other/padding (200,000 bytes)" in note
 
 
 def test_a_pytorch_that_emulates_no_gpu_fails_no_codec(monkeypatch):

@@ -6,7 +6,7 @@ from torch import nn
 
 from baselines.mean_colour import MeanColourMaterial
 from bench.codec import Parts
-from bench.conformance.counting import decoder_floats, fault, texture_channels
+from bench.conformance.counting import constant_bytes, decoder_floats, fault, texture_channels
 from bench.material import DecoderCost, layers, parameters
 
 TEXTURE = torch.rand(8, 8, 3)
@@ -91,3 +91,10 @@ def test_scales_beside_a_tensor_are_not_numbers_of_the_decoder():
 def test_the_channels_are_those_of_the_finest_textures(shapes, channels):
     texture = {str(place): torch.zeros(shape) for place, shape in enumerate(shapes)}
     assert texture_channels(texture, (8, 8)) == channels
+
+
+@pytest.mark.parametrize("part", ["decoder", "texture", "encoder", "sampling", "other"])
+@pytest.mark.parametrize("value", [0.0, 3.5])
+def test_a_number_that_a_file_stores_many_times_is_counted(part, value):
+    tensors = {"same": torch.full((40, 50), value), "few": torch.zeros(999), "other": torch.arange(2_000)}
+    assert constant_bytes(Parts(**{part: tensors})) == {f"{part}/same": 8_000}

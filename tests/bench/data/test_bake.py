@@ -12,11 +12,13 @@ from PIL import Image
 
 from bench import cli
 from bench.btf import box_filter
+from bench.cli.console import btf_lines
 from bench.codec import silent
 from bench.data.bake import Partial, bake, looks_like_maps, open_svbrdf, read_surface, recognise
 from bench.data.bake.surface import SUB_POINTS
 from bench.data.materials.renderer import render
 from bench.data.open import open_material, open_named
+from bench.data.portrait import look
 from bench.data.readers import open_btf
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
@@ -525,3 +527,22 @@ def test_scanned_materials_bake_upright(name):
     matt = replace(surface.maps, specular=0.0, metalness=0.0)
     picture = render(matt, up, up, surface.shape)[0]
     assert np.corrcoef(albedo.mean(-1).ravel(), picture.mean(-1).ravel())[0, 1] > 0.7
+
+
+def test_a_bake_says_its_size_that_of_the_maps_and_what_all_texels_would_take(tmp_path, capsys):
+    folder = save(tmp_path / "m", albedo=flat([0.2, 0.4, 0.6], 32))
+    words = ["bake", str(folder), "--views", "4", "--lights", "4", "--heldout", "3", "-o", str(tmp_path / "m.npz")]
+    for size, hints in (("8", 1), ("32", 0), ("64", 0)):
+        assert cli.main([*words, "--size", size]) == 0
+        said = capsys.readouterr().out
+        assert f"{size} × {size}" in said
+        assert said.count("--size 32") == hints
+        assert said.count("of maps of 32 × 32") == hints
+
+
+def test_the_maps_of_a_folder_are_listed_once_and_as_words(tmp_path, capsys, caplog):
+    folder = save(tmp_path / "m", albedo=flat([0.2, 0.4, 0.6], 32))
+    described = btf_lines(look(open_svbrdf(folder, SMALL, silent)))
+    assert caplog.text.count("albedo.png") == 1
+    assert "{" not in described
+    assert "albedo = albedo.png" in described

@@ -10,6 +10,7 @@ from torch import Tensor
 import bench
 from bench import cli
 from bench.conformance.check import tiny_btf
+from bench.data.convert import write_btf
 from bench.demand import still
 from bench.demand.scene import named_scene, parse_scene
 from bench.demand.text_scene import TextScene
@@ -113,6 +114,34 @@ def test_the_command_writes_linear_floats_or_the_display_s_bytes(file: Path, tmp
     pixels = np.asarray(Image.open(tmp_path / "a.png"))
     np.testing.assert_allclose(pixels[..., :3], 255 * to_display(linear[..., :3], 2.0), atol=0.51)
     np.testing.assert_array_equal(pixels[..., 3], 255 * linear[..., 3])
+
+
+def test_a_png_has_captions_below_where_they_are_legible(file: Path, tmp_path: Path, capsys) -> None:
+    shown = ["render", str(file), "--truth", str(file.with_name("truth.npz")), "--rays", "1", "-o"]
+    write_btf(tiny_btf(), file.with_name("truth.npz"))
+    for width, rows in ((160, 160 + still.CAPTION), (24, 24)):
+        assert cli.main([*shown, str(tmp_path / "a.png"), "--width", str(width)]) == 0
+        with Image.open(tmp_path / "a.png") as picture:
+            assert picture.size == (2 * width, rows)
+            below = np.asarray(picture)[width:, :, 3]
+        if rows > width:
+            assert below[:, :width].any()  # the truth's
+            assert below[:, width:].any()
+        said = capsys.readouterr().out
+        assert f"mean-colour, {file.stat().st_size:,} bytes" in said
+        assert "dB in frame" in said
+
+
+def test_the_psnr_in_a_frame_is_that_of_the_pixels_which_show_the_surface_alone() -> None:
+    truth = np.full((2, 3, 4), 0.5)
+    truth[..., 3] = [[1, 1, 0.5], [1, 1, 0]]
+    ours = truth.copy()
+    ours[truth[..., 3] < 1, :3] = 0.1
+    assert still.psnr_in_frame(ours, truth, 1.0) == np.inf
+    ours[0, 0, :3] = 0.25
+    white, grey = to_display(np.array([0.5, 0.25]), 1.0)
+    error = (white - grey) ** 2 / 4
+    np.testing.assert_allclose(still.psnr_in_frame(ours, truth, 1.0), -10 * np.log10(error))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from bench import encode, from_arrays, load
+from bench import cli, encode, from_arrays, load
 from bench.codec import Fit, setting_names
 from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.check import tiny_btf
@@ -19,11 +19,10 @@ from bench.material import DecoderCost, Material
 from bench.program import Program
 from bench.program.recording import program_of
 from reports import artefacts
-from reports.live import pack
 from reports.shaders.dialects import DIALECTS, GLSL
-from reports.shaders.export import export
+from reports.shaders.export import TOLERANCE, Vectors, export
 from reports.shaders.generator import shader
-from reports.viewer.page import Shown, model_data
+from reports.viewer.page import Shown, model_data, pack
 from tests.baselines.surfaces import bumps
 from tests.reports.shaders.reader import answer
 from tests.tiers import short_for
@@ -41,6 +40,7 @@ CODECS = {
     "svbrdf": {"steps": 5, "batch": 64},
 }
 
+NO_VECTORS = Vectors(*(np.zeros((0, 3), np.float32) for _ in Vectors._fields))
 NOT_DRAWN = {"hierarchical", "local-pca", "ntc"}  # they use operations that no shader has, which the export says
 
 
@@ -102,7 +102,7 @@ def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:
 @pytest.mark.parametrize("language", DIALECTS)
 def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path: Path) -> None:
     program = stored(decoded("neubtf-direct", {"steps": 2}), tmp_path)
-    files, held = export(program, "cloth", language, tmp_path / "out", "codec neubtf-direct, version 3")
+    files, held = export(program, "cloth", language, tmp_path / "out", "codec neubtf-direct, version 3", NO_VECTORS)
     names = {f"cloth.{language}", "exact.exr", "half.exr", "README.md"} | (
         {"cloth.frag"} if language == "glsl" else set()
     )
@@ -117,12 +117,31 @@ def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path
     assert f"Made from codec neubtf-direct, version 3, by neubtf-bench {version('neubtf-bench')}.\n" in readme
 
 
+@pytest.mark.parametrize("codec", ["pca", "neubtf-direct"])
+def test_the_test_vectors_of_an_export_are_the_decoded_files_answers(codec: str, tmp_path: Path) -> None:
+    file = tmp_path / "cloth.nbtf"
+    encode(tiny_btf(), load_codec(codec)(**CODECS[codec]), file)
+    assert cli.main(["export", str(file), "-o", str(tmp_path / "out")]) == 0
+    lines = (tmp_path / "out" / "README.md").read_text().partition("## Test vectors")[2].splitlines()
+    rows = [line.strip("| ").split(" | ") for line in lines if line.startswith("| ")][2:]  # without the heading
+    assert len(rows) == 5
+    columns = [np.array([cell.split(", ") for cell in column], np.float32) for column in zip(*rows, strict=True)]
+    uv, wo, wi, footprint, rgb = columns
+    assert set(np.sign(footprint.ravel())) == {0, 1}
+    material = load(file)
+    truth = material.query(*(torch.from_numpy(each) for each in (uv, wo, wi, footprint[:, 0]))).numpy()
+    np.testing.assert_array_equal(rgb, truth)
+    code = shader(stored(material, tmp_path), GLSL)
+    ours = [answer(code, *query) for query in zip(uv, wo, wi, footprint[:, 0].tolist(), strict=True)]
+    np.testing.assert_allclose(np.maximum(ours, 0), truth, atol=TOLERANCE * truth.max())
+
+
 @pytest.mark.parametrize("codec", ["pca", "relief"])
 def test_an_exported_fragment_shader_compiles_as_it_is(codec: str, tmp_path: Path) -> None:
     validator = shutil.which("glslangValidator")
     if not validator:
         pytest.skip("glslangValidator is not installed (Debian: glslang-tools)")
-    export(stored(decoded(codec, CODECS[codec]), tmp_path), "cloth", "glsl", tmp_path / "out", "a test")
+    export(stored(decoded(codec, CODECS[codec]), tmp_path), "cloth", "glsl", tmp_path / "out", "a test", NO_VECTORS)
     done = subprocess.run(
         [validator, str(tmp_path / "out" / "cloth.frag")], capture_output=True, text=True, check=False
     )
@@ -162,7 +181,7 @@ def test_a_constant_and_a_black_material_are_drawn(codec: str, level: float, tmp
     program = stored(material, tmp_path)
     pack(model_data(Shown(codec, program, 1.0, ""), bytes))
     for language in DIALECTS:
-        export(program, "flat", language, tmp_path / language, codec)
+        export(program, "flat", language, tmp_path / language, codec, NO_VECTORS)
     query = np.array([0.3, 0.7], np.float32), *(np.array(w, np.float32) for w in ([0, 0.6, 0.8], [0.6, 0, 0.8]))
     truth = material.query(*(torch.from_numpy(each)[None] for each in query), torch.tensor([0.2]))[0].numpy()
     ours = answer(shader(program, GLSL, "literal"), *query, 0.2)  # the reader knows no loops

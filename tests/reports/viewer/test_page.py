@@ -18,7 +18,7 @@ from bench.directions.hemisphere import from_degrees
 from bench.material import Material
 from bench.metrics.display import to_display
 from bench.runs.drawing import drawable
-from reports.viewer.page import Shown, as_json, page
+from reports.viewer.page import Shown, _rounded, as_json, page
 from tests.baselines.surfaces import bumps
 
 CODECS: dict[str, dict[str, Any]] = {
@@ -120,10 +120,10 @@ def test_a_texture_that_is_not_square_is_not_squeezed(browser: Any, tmp_path: Pa
 def test_a_compiler_that_refuses_literals_is_given_a_uniform_buffer(
     opened: Any, materials: dict[str, Material]
 ) -> None:
-    opened.evaluate("""() => {
+    opened.evaluate("""async () => {
       const section = document.querySelector(".viewer").cloneNode(true);
       section.querySelectorAll("[name=left], [name=right]").forEach((list) => list.replaceChildren());
-      const data = JSON.parse(document.getElementById("models").textContent);
+      const data = await unpacked("models");
       for (const number of [0, 1]) data.models[number].shader = "no shader";
       document.body.append(section);
       window.spare = mountViewer(section, data);
@@ -152,6 +152,30 @@ def test_the_wipe_follows_pointer_and_keys(opened: Any) -> None:
     assert opened.evaluate("viewer.state.wipe") == 1
     assert "neubtf-direct" in opened.locator("[data-left]").inner_text()
     assert "pca" in opened.locator("[data-right]").inner_text()
+
+
+def test_each_slider_says_its_number(opened: Any) -> None:
+    told = set()
+    for name in ("wipe", "exposure", "tiling", "zoom"):
+        opened.focus(f"[name={name}]")
+        for key, end in (("Home", "min"), ("End", "max")):
+            opened.keyboard.press(key)
+            said = opened.locator(f"[data-of={name}]").inner_text()
+            number = abs(float(opened.get_attribute(f"[name={name}]", end))) * (100 if name == "wipe" else 1)
+            assert float(re.findall(r"[\d.]+", said)[0]) == number
+            told.add(said)
+    assert len(told) == 8
+
+
+def test_slices_take_a_third_less_and_move_by_less_than_half_a_step_of_a_display() -> None:
+    rng = np.random.default_rng(0)
+    half = np.sort(rng.random(40_000).astype(np.float16) * np.float16(1.2))
+    half[-1], half[0] = np.finfo(np.float16).max, 0
+    rounded = _rounded(half)
+    assert np.isfinite(rounded).all()
+    assert rounded[0] == 0
+    assert np.abs(255 * (to_display(half, 1.0) - to_display(rounded, 1.0))).max() < 0.5
+    assert not (rounded.view(np.uint16) % 8).any()
 
 
 def test_dragging_turns_camera_or_light(opened: Any) -> None:

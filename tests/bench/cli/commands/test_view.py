@@ -1,4 +1,7 @@
+import base64
+import json
 import re
+import zlib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -7,6 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
+import bench
 from bench import cli
 from bench.cli.commands.view import _drawn
 from bench.codec import silent
@@ -15,6 +19,8 @@ from bench.data.readers.folder import write_folder
 from bench.directions.hemisphere import thin, ubo2003
 from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
+from bench.metrics import stats_of
+from bench.records import PSNR
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import shader
 from tests.reports.shaders.reader import answer
@@ -57,6 +63,11 @@ def test_the_page_is_headed_by_a_name_and_no_path_and_export_names_the_file(
     (heading,) = re.findall("<h1>(.*)</h1>", page.read_text())
     assert "/" not in heading
     assert heading
+    packed = re.findall('id="models">(.*?)</script>', page.read_text(), re.S)[0]
+    text = zlib.decompress(base64.b64decode(packed))
+    models = json.loads(text[4 : 4 + int.from_bytes(text[:4], "little")])["models"]
+    scores = bench.score(tmp_path / "a.nbtf", bench.open(str(tmp_path / "cloth")))
+    assert models[1]["label"].endswith(f", {stats_of(scores, PSNR)['mean']:.2f} dB")
 
     def refused(*_: object) -> None:
         raise InputError("no shader can do 'cumsum' yet")
