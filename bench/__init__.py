@@ -1,12 +1,13 @@
 """The suite: defines BTFs and codecs, and measures, runs, stores and compares them.
 
-Scripts call `bench.open`, `from_arrays`, `encode`, `load`, `score` and `load_runs`: see docs/api.md.
+Scripts call `bench.open`, `from_arrays`, `encode`, `load`, `score`, `run`, `check` and `load_runs`: see docs/api.md.
 """
 
 import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bench.conformance.verdicts import check as check
     from bench.data.open import from_arrays as from_arrays
     from bench.runs.history import load_runs as load_runs
     from bench.runs.library import SceneGoal as SceneGoal
@@ -14,11 +15,14 @@ if TYPE_CHECKING:
     from bench.runs.library import encode_for_scene as encode_for_scene
     from bench.runs.library import load as load
     from bench.runs.library import open as open
+    from bench.runs.library import run as run
     from bench.runs.library import score as score
 
     __version__: str
 
-_LAZY = dict.fromkeys(("open", "encode", "encode_for_scene", "load", "score", "SceneGoal"), "bench.runs.library") | {
+_OF_LIBRARY = ("open", "encode", "encode_for_scene", "load", "run", "score", "SceneGoal")
+_LAZY = dict.fromkeys(_OF_LIBRARY, "bench.runs.library") | {
+    "check": "bench.conformance.verdicts",
     "from_arrays": "bench.data.open",
     "load_runs": "bench.runs.history",
 }

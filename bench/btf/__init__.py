@@ -282,6 +282,15 @@ class Split:
     heldout: dict[str, Array] = field(default_factory=dict)
     validation: Array = field(default_factory=lambda: np.empty(0, int))
 
+    def __repr__(self) -> str:
+        """A line such as `<Split: 64 training pairs, 17 held out (new view 8, new light 8, both new 1)>`."""
+        groups = ", ".join(f"{name} {len(pairs):,}" for name, pairs in self.heldout.items())
+        held = sum(map(len, self.heldout.values()))
+        words = [f"{len(self.train):,} training pairs", f"{held:,} held out" + (f" ({groups})" if groups else "")]
+        if len(self.validation):
+            words.append(f"{len(self.validation):,} for validation")
+        return f"<Split: {', '.join(words)}>"
+
 
 @dataclass(eq=False, repr=False)
 class BTF:
@@ -331,7 +340,11 @@ class BTF:
     def __len__(self) -> int:
         return len(self.pairs)
 
-    def __getitem__(self, pair: int) -> Array:
+    def __getitem__(self, pair: int | slice) -> Array:
+        """The slice (H, W, 3) of a pair, or those of a range of pairs, (n, H, W, 3)."""
+        if isinstance(pair, slice):
+            chosen = np.arange(len(self))[pair]
+            return np.array(list(self.subset(chosen)), np.float32).reshape(len(chosen), *self.shape, 3)
         return finite(self.source.slice(int(self.pairs[pair])), f"{self.name}: pair {pair}")
 
     def __iter__(self) -> Iterator[Array]:

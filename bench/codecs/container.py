@@ -64,6 +64,11 @@ class Header:
     network: str = ""  # the hash of the shared network's file, if one is needed to decode
     provenance: dict[str, Any] = field(default_factory=dict)  # the sources of the file other than a BTF
 
+    def __repr__(self) -> str:
+        """A line such as `<Header satin.nbtf: pca 4, 28,972 bytes, 11 tensors>`."""
+        size = f"{self.file_bytes:,} bytes, {len(self.tensors)} tensors"
+        return f"<Header {self.path}: {self.codec} {self.version}, {size}>"
+
     def part_bytes(self) -> dict[str, int]:
         """Bytes of tensors by part, `encoder` and `sampling` if it has them, and of `header`, the rest of the file."""
         sums = {"decoder": 0, "texture": 0, "other": 0}

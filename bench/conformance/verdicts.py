@@ -34,13 +34,17 @@ class Result:
     note: str = ""
 
 
-def check(codec: Codec, show: Progress = silent) -> Iterator[Result]:
+def check(codec: str | Codec, show: Progress = silent, **settings: Any) -> Iterator[Result]:
     """Run the checks on a codec and yield each result; any exception of the codec is a failed check.
+
+    `codec` is a name, with its `settings` and otherwise short fits, or a codec as it is.
 
     The codec encodes and answers; its answers repeat; they follow the material: if one of these stages fails, later
     ones are not tried, because they would fail for the same reason. The promises to a renderer and the quick extremes
     of `bench.conformance.stress` do not depend on each other: all of them are tried.
     """
+    if isinstance(codec, str):
+        codec = codec_to_check(codec, settings)
     with suppress(emulated.NoEmulationError):
         emulated.register()
     with tempfile.TemporaryDirectory() as folder:

@@ -5,14 +5,15 @@ directions and footprints the frames of a scene ask for, and how often (`bench.d
 """
 
 import dataclasses
+import json
 import logging
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -36,14 +37,18 @@ from bench.machine.devices import require_present
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.records import ARTEFACT, Job, SceneModel, field_names
+from bench.runs import executors, runner
 from bench.runs.evaluation import conditions, evaluate, record_of_scores, score_key
+from bench.runs.history import load_runs
+from bench.runs.suite import load_suite, parse_suite, require_materials, with_changes
 from bench.runs.workbench import Workbench
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 log = logging.getLogger(__name__)
 MATERIALS = 224  # the default number of variations, which are random materials, that a shared network is trained on
-ALIASED_DB = (
-    1.0  # frames at most so far below those of the BTF asked at points are limited by a missing level of detail
-)
+ALIASED_DB = 1.0  # frames that are less than this below those of the BTF asked at points are limited by aliasing
 UNSEEN = range(100_000, 100_016)  # variations for its curve, kept out of training
 
 
@@ -97,6 +102,50 @@ def encode(
     container.refuse_other_file(Path(out))
     fit = new_fit(instance, train, seed, network, device=device, threads=threads, show=show)
     return fit_to_file(instance, train, fit, Path(out), naming_faults(instance, encode_parts)).header
+
+
+def run(
+    suite: str | Path | Mapping[str, Any],
+    out: str | Path,
+    *,
+    materials: Sequence[str] = (),
+    codecs: Sequence[str] = (),
+    jobs: int = 1,
+    device: str = "cpu",
+    show: Progress = silent,
+) -> "pd.DataFrame":
+    """Run a suite into the folder `out`, as `neubtf-bench run` does; returns `load_runs(out)`, a row a job.
+
+    `suite` is the name of a built-in suite, a TOML file, or a dictionary with the keys of one. `materials` take the
+    place of its own, `codecs` chooses among its codecs. More than one job at once runs in processes of their own. What
+    was measured before is not measured again; a failed job is a row with its `error`.
+    """
+    require_present(device, "device")
+    chosen = parse_suite("script", _as_toml(suite)) if isinstance(suite, Mapping) else load_suite(str(suite))
+    chosen = with_changes(chosen, list(materials), list(codecs), changes={})
+    require_materials(chosen, "materials")
+    workers = None if jobs == 1 else partial(executors.processes, jobs, chosen.threads, device)
+    for _ in runner.run(chosen, runner.Options(Path(out), device, show=show, workers=workers)):
+        pass
+    return load_runs(out)
+
+
+def _as_toml(suite: Mapping[str, Any]) -> str:
+    """The text of a suite that is given as a dictionary: records keep it, so that the run can be made again."""
+    return "".join(f"{key} = {_toml_value(value)}\n" for key, value in suite.items())
+
+
+def _toml_value(value: Any) -> str:
+    """A value as TOML writes it; a dictionary is an inline table."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml_value(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml_value, value))}]"
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    if not isinstance(value, str | bool | int | float):
+        raise InputError(f"bench.run: a suite holds numbers, texts, lists and dictionaries, not {_wrong_type(value)}")
+    return json.dumps(value)  # TOML writes these as JSON does
 
 
 def _codec_instance(codec: str | Codec, settings: dict[str, Any]) -> Codec:

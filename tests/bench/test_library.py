@@ -82,6 +82,42 @@ def test_a_command_a_script_and_a_run_make_the_same_file(tmp_path, folder):
     assert container.read_header(Path("0.nbtf")).sha256 != script.sha256
 
 
+def test_a_script_runs_a_suite_as_the_command_does_and_gets_a_frame(tmp_path, folder):
+    words = ["run", "quick", "--out", "run", "--material", str(folder), "--codec", "pca"]
+    assert cli.main(words) == 0
+    frame = bench.run("quick", "script", materials=[str(folder)], codecs=["pca"])
+    of_command = bench.load_runs("run")
+    for column in ("label", "sha256"):
+        assert list(frame[column]) == list(of_command[column])
+    suite = {
+        "materials": [{"name": "mine", "path": folder}],
+        "codecs": [{"codec": "mean-colour"}, {"codec": "pca", "components": [2, 3]}],
+        "seeds": [0],
+    }
+    frame = bench.run(suite, "dictionary")
+    assert list(frame["label"]) == ["mean-colour", "pca components=2", "pca components=3"]
+    assert set(frame["material"]) == {"mine"}
+    assert (frame["status"] == "ok").all()
+    with pytest.raises(InputError, match="numbers, texts, lists"):
+        bench.run(suite | {"seeds": object()}, "dictionary")
+
+
+def test_a_script_checks_a_codec_as_the_command_does():
+    results = list(bench.check("mean-colour", half=False))
+    assert len(results) > 20
+    assert not any(result.failure for result in results)
+
+
+def test_ranges_of_pairs_are_slices_and_objects_say_what_they_are(folder):
+    btf = bench.open(folder)
+    np.testing.assert_array_equal(btf[2:5], np.stack([btf[2], btf[3], btf[4]]))
+    assert btf[:0].shape == (0, *btf.shape, 3)
+    split = btf.split()
+    assert f"{len(split.train):,} training pairs" in repr(split)
+    header = bench.encode(btf, "mean-colour", "a.nbtf")
+    assert f"{header.file_bytes:,} bytes" in repr(header)
+
+
 def test_a_script_fits_to_a_scene_as_a_run_does(tmp_path, folder):
     """A learned codec, too, whose samples are drawn by the demand."""
     demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
