@@ -150,9 +150,10 @@ def made() -> None:
 def before(words: list[str]) -> None:
     """What an example needs that no other one makes."""
     line = " ".join(words)
-    if words[0] == "list" and not Path("site").exists():
+    if words[0] == "list" and not any(Path("site").iterdir()):
         text = Path("my-codec-codec/my_codec_codec.py").read_text()
         install(Path("site"), "mine", {"my-codec": "my_codec_codec:MyCodec"}, {"my_codec_codec": text})
+        importlib.invalidate_caches()
     elif line.startswith("decode satin.nbtf --maps"):
         assert cli.main(["encode", "satin", "--codec", "svbrdf", "--set", "steps=2", "-o", "satin.nbtf"]) == 0
     elif line.startswith("score small.nbtf"):
@@ -184,6 +185,7 @@ def scratch(tmp_path, monkeypatch, brief):
     """A folder with the files that examples name; nothing is written outside, and no browser is opened."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("NEUBTF_DATA", str(tmp_path))
+    (tmp_path / "site").mkdir()  # before it is on the path: Python remembers which folders are not there
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "site"), str(ROOT)]))
     monkeypatch.setattr("webbrowser.open", lambda place: True)
