@@ -54,6 +54,9 @@ class Choice:
             return run
         jobs = Records({job["job"]: job for job in run.jobs if self._has(job)})
         self._refuse_absent(run, jobs)
+        if self.against and not any(self.against in _codec_names(job) for job in jobs):
+            remedy = f"give --codec {self.against}, too" if self.codecs else "choose a material that it was measured on"
+            raise InputError(f"--against {self.against}: not among the chosen rows: {remedy}")
         # A start of the run names the jobs that it planned. Those that are not chosen are removed there, too, so that
         # tables do not list them as not run.
         starts = []
@@ -152,6 +155,11 @@ class Choice:
         if name_and_unit in self.names:
             _, sign, over = unit.partition("± ")  # of "dB ↑ ± seeds" keep "± seeds", what the deviation is over
             return self.names[name_and_unit], sign + over
+        if name == "against":  # its second line is the codec that all others are set against
+            return self.names.get(name, name), self.said(unit)
+        on, is_on_material, material = name.partition("on ")
+        if is_on_material and not on:  # the differences on one material
+            return f"on {self.said(material)}", unit
         return self.names.get(name, name), unit
 
     def said(self, text: str, old_names: set[str] | None = None) -> str:

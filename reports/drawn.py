@@ -13,6 +13,7 @@ from pathlib import Path
 from matplotlib.figure import Figure as Drawing
 from matplotlib.text import Text
 
+import reports
 from bench.inputs.errors import InputError, did_you_mean
 from bench.records import load_together
 from reports import figures
@@ -22,6 +23,24 @@ from reports.figures.pairs import Inset, pairs_figure
 
 PAIRS = "pairs"  # the kind of figure that shows the slices of chosen pairs of view and light directions
 KINDS = (*figures.ALL, PAIRS)
+_NOT_STORED = "no job of this run stored {}: published records have numbers alone, so give the folder of a run"
+# By kind: why a run may have no figure of that kind, in words for a reader.
+WHY_EMPTY = {
+    "significance": reports.WHY_EMPTY["summary"],
+    "ranks": reports.WHY_EMPTY["ranks"],
+    "fronts": reports.WHY_EMPTY["curves"],
+    "contact": _NOT_STORED.format("pictures of slices"),
+    "rate": reports.WHY_EMPTY["main"],
+    "speed": "no job of this run has a PSNR and a time of a query: `neubtf-bench run` measures both",
+    "fits": reports.WHY_EMPTY["fits"],
+    "footprints": "no job of this run was scored at two or more footprints: `neubtf-bench run` does",
+    "trade": reports.WHY_EMPTY["trade"],
+    "angles": _NOT_STORED.format("the errors of its slices"),
+    "polar": _NOT_STORED.format("errors by direction"),
+    "abrdf": _NOT_STORED.format("the errors of its texels"),
+    "latents": _NOT_STORED.format("a texture that its decoder reads, in a drawing"),
+    PAIRS: reports.WHY_EMPTY["main"],
+}
 CM = 1 / 2.54  # a centimetre in inches
 # The margins of plots whose width is chosen, in inches:
 LEFT = 0.75
@@ -59,7 +78,7 @@ def drawn(runs: Sequence[Path], wanted: Wanted) -> list[Figure]:
     else:
         figures_of_kind = list(figures.ALL[wanted.kind](run))
     if not figures_of_kind:
-        raise InputError(f"figure {wanted.kind}: this run has nothing to draw: `neubtf-bench report` draws what it has")
+        raise InputError(f"figure {wanted.kind}: nothing to draw: {WHY_EMPTY[wanted.kind]}")
     return [_with_names_and_width(figure, wanted) for figure in figures_of_kind]
 
 

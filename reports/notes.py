@@ -54,7 +54,15 @@ def quality_notes(material: MaterialRows) -> list[str]:
         pairs = "the held-out pairs"
     # “train” names the column of training pairs.
     text = f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, as a mean over slices."
-    return [Note(about_quality(text)), *_metrics(material), *common_notes(material)]
+    return [Note(about_quality(text)), *recipe_notes([material]), *_metrics(material), *common_notes(material)]
+
+
+def recipe_notes(materials: Iterable[MaterialRows]) -> list[str]:
+    """The note on what the label of a codec with recipes means, if there is one with its default."""
+    settings = [row.job.get("settings", {}) for material in materials for row in material.measured]
+    if any(each.get("recipe") == "ours" for each in settings):
+        return [Note(about_quality("Without recipe=paper, a codec with recipes is fitted by that of neubtf-bench."))]
+    return []
 
 
 def cost_notes(material: MaterialRows) -> list[str]:
@@ -152,7 +160,7 @@ def _timing(material: MaterialRows) -> Iterator[str]:
         )
     yield from one_texel_notes(timed_rows)
     if any(row.fused for row in material.measured):
-        yield "Fused: the whole query as one kernel, by `neubtf-bench trade`, in multiples of the floor timed with it."
+        yield "Fused: the whole query as one kernel, in multiples of the floor timed with it (`neubtf-bench trade`)."
     apart = (row for row in material.measured if row.timing_obstacle)
     for reason, rows in grouped(apart, lambda row: row.timing_obstacle).items():
         yield f"{', '.join(row.name for row in rows)}: {reason}."
@@ -193,7 +201,7 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
         if label in with_height:
             words.append(f"a height on {', '.join(with_height[label])}")
         if label in without_height:
-            words.append(f"none on {', '.join(without_height[label])}")
+            words.append(f"no height on {', '.join(without_height[label])}")
         yield f"{label}: its file stores {'; '.join(words)}; rays are marched through a height, which takes time."
 
 
@@ -258,8 +266,6 @@ def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
 
     A start lists the jobs that it plans before it fits any: those of a run that was broken off have no record.
     """
-    # Names of jobs have the plain label; the label in tables, which may name a recipe, is known from other jobs.
-    shown_labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
     seeds_of: dict[tuple[str, str], list[int]] = {}  # by material and label
     planned: dict[str, None] = {}  # names of jobs, each once
     for start in run.starts:
@@ -268,8 +274,7 @@ def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
         material, _, rest = name.partition("/")
         label, _, seed = rest.rpartition("/")
         if run.job(name) is None and seed.isdecimal():  # a name without a seed is of no job
-            cell = material, shown_labels.get(label, label)
-            seeds_of.setdefault(cell, []).append(int(seed))
+            seeds_of.setdefault((material, label), []).append(int(seed))
     for (material, label), seeds in seeds_of.items():
         yield material, label, seeds
 

@@ -41,8 +41,9 @@ _PUBLISHED_PAIRS = ("all", "train")
 _NOTES = (
     "Mean ± standard deviation over slices; with several seeds the means of both over seeds. “seeds”: how many, and ± "
     "the standard deviation of the mean PSNR over them; on rendered surfaces each has held-out pairs of its own.",
-    "The paper fits every pair that it scores, at an exposure that it does not state: docs/metrics.md, “Tables”. LPIPS,"
-    " its fourth row, is not computed here, by design; SSIM and FLIP depend on resolution.",
+    "A row without recipe=paper is fitted by the recipe of neubtf-bench.",
+    "The paper fits every pair that it scores, at an exposure that it does not state (docs/metrics.md, “Tables”). "
+    "LPIPS, its fourth row, is not computed here, by design; SSIM and FLIP depend on resolution.",
 )
 SUITE = "ablation"  # whose jobs `ablation_table` shows
 

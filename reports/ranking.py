@@ -61,11 +61,11 @@ def rows_of(codec: str, run: Run) -> int:
 
 
 def _row_named(wanted: str, labels: Sequence[str]) -> str:
-    """The label of the one row that is meant by `wanted`: a label, which may lack "(our recipe)", or a codec's name.
+    """The label of the one row that is meant by `wanted`: a label, or a codec's name.
 
-    "(our recipe)" is a mark that tables add to a label. `InputError` if `wanted` means no row, or several.
+    `InputError` if `wanted` means no row, or several.
     """
-    matches = [label for label in labels if wanted in (label, label.replace(" (our recipe)", ""))]
+    matches = [label for label in labels if wanted == label]
     if not matches:  # a name alone counts only if no whole label is the same: "pca" may be both
         matches = [label for label in labels if label.split()[0] == wanted]
     if len(matches) != 1:

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, NamedTuple
 from bench.records import MOST_DB, Run
 from reports import columns
 from reports.columns import Column
-from reports.notes import about_times, height_notes, left_out_notes, missing_note, one_texel_notes, scene_notes
+from reports.notes import (
+    about_times,
+    height_notes,
+    left_out_notes,
+    missing_note,
+    one_texel_notes,
+    recipe_notes,
+    scene_notes,
+)
 from reports.numbers import EXACT, NONE, fixed, integer, interval, signed
 from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.table import Note, Table, best_cells
@@ -52,7 +60,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
         rows.append(row)
         scores.append(score)
     notes: list[str] = ["Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR."]
-    notes += [*scene_notes(measured), *_lacking(measured)]
+    notes += [*recipe_notes(measured), *scene_notes(measured), *_lacking(measured)]
     # To the right, the differences to one row; they are never marked.
     if intervals:
         labels = [row[0] for row in rows]

@@ -83,6 +83,35 @@ class Table:
         words = {word.rstrip(" ↑↓") for word in chain.from_iterable(self.headers)}  # names and units, without arrows
         return [(term, explanation) for term, explanation in TERMS.items() if term in words]
 
+    def with_short_labels(self) -> "Table":
+        """The table without the settings that every label of its column "codec" has; a note says them once.
+
+        Only of a table with several labels: the settings of a single one are its name.
+        """
+        names = [name for name, _ in self.headers[: self.words]]
+        if "codec" not in names:
+            return self
+        column = names.index("codec")
+        words_of_label = {row[column]: row[column].split() for row in self.rows}
+        if len(words_of_label) < 2:
+            return self
+        first, *others = words_of_label.values()
+        common = [word for word in first if "=" in word and all(word in words for words in others)]
+        if not common:
+            return self
+        short = {}
+        for label, words in words_of_label.items():
+            short[label] = " ".join(word for word in words if word not in common)
+        rows = [[*row[:column], short[row[column]], *row[column + 1 :]] for row in self.rows]
+        longest_first = sorted(short, key=len, reverse=True)  # a label may begin with another one
+        notes = []
+        for note in self.notes:
+            text = str(note)
+            for label in longest_first:
+                text = text.replace(label, short[label])
+            notes.append(text)
+        return replace(self, rows=rows, notes=[*notes, f"In every row: {' '.join(common)}."])
+
     def of_columns(self, kept: Sequence[int]) -> "Table":
         """The table with only the columns at these places, in this order, and the notes about them.
 

@@ -84,7 +84,7 @@ class _Fitted(NamedTuple):
 def _fitted_in(table: Table, cell: str) -> list[_Fitted]:
     """What a row of a table may show, by its cell that names the codec.
 
-    That is a label such as "neumip recipe=paper steps=100" or "neumip (our recipe)", or a line such as "neumip" or
+    That is a label such as "neumip recipe=paper steps=100", or a line such as "neumip" or
     "neumip, as published". The ablation has the name of the codec alone, whatever the recipe.
     """
     codec = _codec_in(cell)

@@ -38,6 +38,10 @@ _FORMULA = re.compile(r"\s*[=+@-]\S")
 _SIGNED = r"[−+-]?\d[\d.,]*([eE][+-]?\d+)?"
 _AFTER = rf" (± {_SIGNED}|to {_SIGNED}|\({_SIGNED} to {_SIGNED}\)( \*)?|of \d+|\*|%|[^\W\d_]+)"
 _READ_NUMBER = re.compile(rf"{_SIGNED}({_AFTER})?")
+# What the readers of a paper have not: a page of `docs`, a command, an option of one.
+_OF_A_PROGRAM = re.compile(r"\bdocs/[\w/-]+\.md\b|`(neubtf-bench|run) [^`]*`|(?<![\w-])--[a-z]")
+_IN_BRACKETS = re.compile(r" \([^()]*\)")
+_SENTENCE_END = re.compile(r"(?<=[.]) ")
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
 _LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
 # Characters that LaTeX has in mathematics alone, and the others that it takes for commands or lacks. pdflatex knows of
@@ -74,7 +78,7 @@ def plain(tables: Sequence[Table]) -> str:
     blocks: list[str] = []  # the last table first, because only tables below one tell which of its notes come again
     notes_below: set[str] = set()  # the notes of the tables after this one
     for table in reversed(tables):
-        printable = _printable(table)
+        printable = _printable(table.with_short_labels())
         notes = [note for note in printable.notes if note not in notes_below]
         notes_below.update(printable.notes)
         blocks.append(_plain(replace(printable, notes=notes)))
@@ -150,7 +154,7 @@ def wrapped(note: str) -> str:
 def markdown(tables: Sequence[Table]) -> str:
     """Tables as GitHub Markdown, each under a heading."""
     blocks: list[str] = []
-    for table in tables:
+    for table in (each.with_short_labels() for each in tables):
         blocks += [f"### {escaped(table.title)}", grid(table), *map(escaped, table.footnotes)]
     return "\n\n".join(blocks) + "\n"
 
@@ -259,6 +263,7 @@ def latex(tables: Sequence[Table]) -> str:
     """
     if not tables:
         return ""
+    tables = [table.with_short_labels() for table in tables]
     kinds = [table.kind for table in tables]
     texts = []
     labels: set[str] = set()
@@ -316,10 +321,18 @@ def _latex(table: Table, label: str) -> str:
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
     lines += [r"\toprule", *heads, r"\midrule", *rows]
     lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
-    notes = " ".join(latex_escaped(note) for note in table.footnotes)
+    notes = " ".join(latex_escaped(note) for note in map(_for_a_paper, table.footnotes) if note)
     if notes:
         lines += [r"\par\smallskip\begin{minipage}{\linewidth}\raggedright\scriptsize", notes, r"\end{minipage}"]
     return "\n".join([*lines, r"\end{table*}", ""])
+
+
+def _for_a_paper(note: str) -> str:
+    """A note without the brackets and sentences that name a page of `docs`, a command or an option of one: the readers
+    of a paper have none of these."""
+    without_brackets = _IN_BRACKETS.sub(lambda match: "" if _OF_A_PROGRAM.search(match[0]) else match[0], note)
+    sentences = _SENTENCE_END.split(without_brackets)
+    return " ".join(sentence for sentence in sentences if not _OF_A_PROGRAM.search(sentence))
 
 
 def _latex_line(cells: Sequence[str]) -> str:

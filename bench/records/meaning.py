@@ -45,12 +45,8 @@ def scored_unlike(key: ScoreKey, other: ScoreKey) -> list[str]:
 
 
 def shown_label(job: Job) -> str:
-    """The label of a job in tables: a codec with recipes gets "(our recipe)" for its default."""
-    label = str(job.get("label", job["job"]))
-    if job.get("settings", {}).get("recipe") != "ours" or "recipe=" in label:
-        return label
-    words = label.split()  # the codec, then settings
-    return " ".join([*words[:1], "(our recipe)", *words[1:]])
+    """The label of a job in tables and figures; the name of a job that has none."""
+    return str(job.get("label", job["job"]))
 
 
 MEASURED, PATH_TRACED, RENDERED = "measured", "path-traced", "rendered"

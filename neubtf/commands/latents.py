@@ -3,8 +3,8 @@
 Each channel is brought to mean 0 and variance 1, and goes through 1 / (e^(1 - c) + 1), as in the NeuBTF paper.
 
 examples:
-  neubtf-bench latents satin.nbtf
-  neubtf-bench latents satin.nbtf -o channels.png
+  neubtf-bench latents brick.nbtf
+  neubtf-bench latents brick.nbtf -o channels.png
 """
 
 import argparse

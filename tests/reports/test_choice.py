@@ -57,3 +57,23 @@ def test_a_row_to_set_others_against_must_be_in_the_run_even_if_no_table_uses_it
         assert "--against nope" in capsys.readouterr().err
     with pytest.raises(InputError, match="--against nope: this run has no such row: it has vq; neubtf-direct steps=9"):
         table_text(folder, "text", None, Choice(against="nope"))
+
+
+def test_a_new_name_reaches_the_codec_and_the_materials_that_headers_of_differences_name(made):
+    for material in ("satin", "brick"):
+        made.job("neubtf-direct steps=9", material).job("pca", material, psnr=31.0)
+    names = {"neubtf-direct": "Ours", "pca": "Linear", "satin": "Silk", "PSNR": "quality"}
+    header, *rows = csv.reader(io.StringIO(table_text(made.folder, "csv", "summary", Choice(names=names))))
+    assert not any(
+        old in cell for old in ("neubtf-direct", "pca", "satin") for line in (header, *rows) for cell in line
+    )
+    assert {"against Ours", "on Silk dB", "on brick dB", "quality dB ↑"} <= {*header}
+    choice = Choice(names={"pca": "Linear"}, against="pca")
+    assert "against Linear" in next(csv.reader(io.StringIO(table_text(made.folder, "csv", "summary", choice))))
+
+
+def test_a_row_to_set_others_against_that_is_not_chosen_is_refused_with_the_option_that_adds_it(folder):
+    with pytest.raises(InputError, match=r"--against pca: .*--codec pca"):
+        table_text(folder, "text", "summary", Choice(codecs=["vq", "neubtf-direct"], against="pca"))
+    chosen = Choice(codecs=["vq", "pca"], against="pca")
+    assert "against pca" in table_text(folder, "csv", "summary", chosen)

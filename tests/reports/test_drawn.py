@@ -11,6 +11,7 @@ from PIL import Image
 from bench import cli
 from bench.inputs.errors import InputError
 from bench.records import load_run
+from reports.drawn import KINDS, WHY_EMPTY
 from reports.figures.pairs import FRAME, Inset, framed, pairs_figure
 
 
@@ -119,3 +120,14 @@ def test_codecs_of_other_pairs_stand_beside_no_truth_of_the_first_and_are_named(
         both = np.asarray(Image.open(io.BytesIO(pairs_figure(run, "satin", []).png)))
         np.testing.assert_array_equal(both[: len(alone)], alone)
         assert (both[len(alone) :] < 128).any(), "the words that name the codec"
+
+
+def test_what_cannot_be_drawn_says_what_is_missing(made, capsys):
+    run = made.unfinished("failed", "Error: no").folder
+    assert {*WHY_EMPTY} == {*KINDS}
+    for kind in KINDS:
+        assert cli.main(["figure", kind, str(run), "-o", str(run / "figure.png")]) == 2
+        assert WHY_EMPTY[kind] in capsys.readouterr().err, kind
+    made.job("pca")
+    assert cli.main(["figure", "fronts", str(run), "-o", str(run / "figure.png")]) == 2
+    assert "validation" in capsys.readouterr().err

@@ -94,3 +94,20 @@ def test_signs_and_greek_letters_are_mathematics():
         r"\ensuremath{\sigma}\ensuremath{^2} \ensuremath{\omega}\ensuremath{_0} 10\ensuremath{^-}\ensuremath{^4}"
     )
     assert escaped("4–8, ‘a’") == "4--8, `a'"
+
+
+def test_a_papers_reader_is_sent_to_no_page_command_or_option(made):
+    for note, kept in (
+        ("Read off the hull (docs/metrics.md, “Curves”). —: none.", "Read off the hull. ---: none."),
+        ("Counted (by torchinfo). See docs/trade.md.", "Counted (by torchinfo)."),
+        ("Means. --material NAME chooses.", "Means."),
+        ("`neubtf-bench run paper` fits it; `run paper-nearest` what anyone can get.", ""),
+        ("So -- and a--b, of neubtf-bench 0.1.0, stay.", "So -- and a--b, of neubtf-bench 0.1.0, stay."),
+    ):
+        text = latex([Table("main", "title", [("codec", ""), ("PSNR", "dB")], [["pca", "1"]], [note])])
+        below = text.partition(r"\scriptsize" + "\n")[2].partition("\n\\end{minipage}")[0]
+        assert below == kept
+    quick = Path(__file__).parents[2] / "docs" / "results"
+    for records in (quick / "quick.jsonl", quick / "budgets.jsonl", quick / "paper-nearest.jsonl"):
+        text = table_text(records, "latex")
+        assert not re.search(r"docs/|(?<!`)`\w|(?<![-\w])--[a-z]", text), records

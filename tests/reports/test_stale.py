@@ -26,7 +26,7 @@ def test_an_older_version_of_a_recipe_marks_no_row_of_another(made):
     tables = [table for table in all_tables(load_run(made.folder)) if table.kind in ("summary", "main", "slices")]
     assert len(tables) == 3
     for table in tables:
-        assert {row[0] for row in table.rows} == {"neumip (our recipe)", "neumip recipe=paper †"}
+        assert {row[0] for row in table.rows} == {"neumip", "neumip recipe=paper †"}
 
 
 def test_no_stale_row_stands_on_the_front_page():

@@ -185,3 +185,12 @@ def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
     assert (shown["weighted PSNR dB ↑"], shown["outside PSNR dB ↑"]) == ("31.50", "—")
     assert cells(table, 1)["frames PSNR dB ↑"] == "n/c"
     assert any("another demand" in note for note in table.notes)
+
+
+def test_the_note_on_a_marched_height_says_of_what_a_file_stores_none(made):
+    for label, latents in (("relief", 14), ("relief latents=13", 13)):  # the made record has 14 channels
+        made.job(label, settings={"relief": True, "latents": latents}).timing(label)
+    (table,) = tables(made, "main")
+    notes = dict(note.split(": ", 1) for note in table.notes if note.startswith("relief"))
+    assert notes["relief"].startswith("its file stores no height on satin;")
+    assert notes["relief latents=13"].startswith("its file stores a height on satin;")

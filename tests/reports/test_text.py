@@ -3,6 +3,8 @@ import pytest
 from bench.records import append, load_run
 from reports import table_text
 from reports.notes import run_notes
+from reports.series import plots_of
+from reports.tables import all_tables
 from reports.terminal import terminal
 
 LONG = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
@@ -48,3 +50,28 @@ def test_a_name_steers_no_terminal_and_starts_no_line(made, format):
     assert not [line for line in text.splitlines() if line.lstrip().startswith(("::", "##["))]
     assert {each for each in text if not each.isprintable()} == {"\n"}
     assert "x1b" in text
+
+
+def test_what_every_label_of_a_table_says_stands_once_below_it(made):
+    for label, psnr in (("neumip batch=64 steps=300", 30.0), ("neumip steps=300", 29.0), ("pca steps=300", 28.0)):
+        made.job(label, psnr=psnr)
+    table = next(table for table in all_tables(load_run(made.folder)) if table.kind == "main")
+    short = table.with_short_labels()
+    assert [row[0] for row in short.rows] == ["neumip batch=64", "neumip", "pca"]
+    assert short.notes[-1] == "In every row: steps=300."
+    for format, tables in (("text", 1), ("markdown", 1), ("latex", 2)):  # LaTeX has quality and cost in two
+        assert table_text(made.folder, format, "main").count("steps=300") == tables, format
+    assert table_text(made.folder, "csv", "main").count("steps=300") == 3  # it has no notes
+    made.job("vq")
+    table = next(table for table in all_tables(load_run(made.folder)) if table.kind == "main")
+    assert table.with_short_labels() == table
+
+
+def test_a_label_is_the_same_in_tables_figures_and_options_whatever_its_recipe(made):
+    made.job("neumip steps=3", settings={"recipe": "ours"}).job("neumip recipe=paper", settings={"recipe": "paper"})
+    run = load_run(made.folder)
+    labels = ["neumip steps=3", "neumip recipe=paper"]
+    table = next(table for table in all_tables(run) if table.kind == "main")
+    assert [row[0] for row in table.rows] == labels
+    (rate,) = (plot for plot in plots_of(run) if plot["kind"] == "rate")
+    assert sorted(entry["label"] for entry in rate["series"]) == sorted(labels)

@@ -2,7 +2,7 @@
 
 examples:
   neubtf-bench check pca
-  neubtf-bench check my-codec --set components=4
+  neubtf-bench check my-codec --set half=false
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """decode a codec file into slices (EXR pictures and pairs.csv), or a file of svbrdf into its maps
 
 examples:
-  neubtf-bench decode satin.nbtf -o slices
+  neubtf-bench decode satin.nbtf -o decoded
   neubtf-bench decode satin.nbtf --like satin -o slices
   neubtf-bench decode satin.nbtf --maps -o satin_maps
 """

@@ -5,10 +5,10 @@ others are those of a report. The ending of the file chooses PNG, SVG or PDF. Wi
 follows that of the file.
 
 examples:
-  neubtf-bench figure fronts runs/quick -o fronts.pdf
+  neubtf-bench figure fronts runs/budgets -o fronts.pdf
   neubtf-bench figure rate runs/quick --material satin --codec neumip --codec pca --width 8.5 -o rate.pdf
   neubtf-bench figure pairs runs/quick --material satin --codec pca --name pca="PCA, 16" -o satin.png
-  neubtf-bench figure pairs runs/quick --material satin --pair 631 --pair 702 --inset 20,12,16 -o satin.svg
+  neubtf-bench figure pairs runs/quick --material satin --pair 635 --pair 707 --inset 20,12,16 -o satin.svg
 """
 
 import argparse

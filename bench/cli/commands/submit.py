@@ -5,7 +5,7 @@ you. The last lines printed are a text to hand it in with.
 
 examples:
   neubtf-bench submit runs/mine -o mine.zip
-  neubtf-bench submit runs/standard --codec mine -o mine.zip
+  neubtf-bench submit runs/quick --codec pca -o pca.zip
 """
 
 import argparse

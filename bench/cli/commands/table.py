@@ -9,7 +9,7 @@ examples:
   neubtf-bench table budgets runs/budgets
   neubtf-bench table main runs/quick --format latex
   neubtf-bench table summary docs/results/quick.jsonl runs/mine
-  neubtf-bench table summary --format latex --codec neubtf-direct --codec pca --column PSNR --column total
+  neubtf-bench table summary runs/quick --format latex --codec neubtf-direct --codec pca --column PSNR
   neubtf-bench table summary runs/quick --material satin --against pca
   neubtf-bench table main runs/quick --name neubtf-direct="NeuBTF, direct" --name "total=bytes"
 """

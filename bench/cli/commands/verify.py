@@ -7,7 +7,7 @@ under NEUBTF_DATA, or where --material says.
 
 examples:
   neubtf-bench verify mine.zip
-  neubtf-bench verify mine.zip --material carpet=/data/carpet07.btf
+  neubtf-bench verify mine.zip --material carpet07.btf=data/carpet07.btf
   neubtf-bench results add runs/mine docs/results/quick.jsonl
 """
 

@@ -1,9 +1,7 @@
 import argparse
 import errno
-import importlib
 import io
 import re
-import shlex
 import signal
 import subprocess
 import sys
@@ -269,21 +267,6 @@ def test_what_is_light_imports_nothing_heavy(code, heavy):
     probe = f"{code}\nimport sys; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
-
-
-def test_every_example_of_every_help_text_is_a_command_that_parses(capsys):
-    shown = [*cli.EVERYDAY.splitlines()]
-    for module in commands.modules().values():
-        _, _, examples = (importlib.import_module(module).__doc__ or "").partition(cli.EXAMPLES)
-        assert examples, module
-        shown += examples.splitlines()
-    tried = 0
-    for line in shown:
-        words = shlex.split(re.split(" {4,}", line.strip())[0])
-        if words[:1] == ["neubtf-bench"] and words[1] != "COMMAND":
-            cli.parser(words[1:]).parse_args(words[1:])
-            tried += 1
-    assert tried > 40
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "cp1252", "ascii"])
