@@ -4,10 +4,10 @@ A codec that is fitted in steps measures its PSNR at some of them; the points of
 the job's record. A *goal* is a PSNR that a fit should reach soon. PSNR is in dB, of pictures as a display shows them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from bench.records import Run
+from bench.records import Job, Run, grouped
 from reports.numbers import NONE, fixed, integer, significant
 from reports.rows import materials
 from reports.table import Table
@@ -24,6 +24,7 @@ class FitCurve(NamedTuple):
 
     label: str  # the codec with its settings
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
+    direct: float  # share of the steps that NeuBTF's first stage takes, without its autoencoder; 0 without that stage
 
 
 def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
@@ -40,10 +41,31 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
                 if "seconds" in point and "psnr" in point:  # a codec may leave them out
                     points.append((point["step"], point["seconds"], point["psnr"]))
             if points:
-                curves.append(FitCurve(row.label, points))
+                curves.append(FitCurve(row.label, points, _direct(row.job)))
         if curves:
             by_material[material.name] = curves
     return by_material
+
+
+def _direct(job: Job) -> float:
+    """The share of a fit's steps before NeuBTF's autoencoder makes the texture; 0 for a fit without such a stage."""
+    settings = job.get("settings", {})
+    share = settings.get("direct", 0)
+    if settings.get("recipe") == "paper" or not isinstance(share, float):
+        return 0.0
+    return share
+
+
+def stages_note(curves: Sequence[FitCurve]) -> str:
+    """Why a curve drops in the middle of a fit, in words for a reader; "" where none has such a stage."""
+    by_share = grouped([fit for fit in curves if fit.direct], lambda fit: fit.direct)
+    drops = []
+    for share, fits in by_share.items():
+        codecs = dict.fromkeys(fit.label.split()[0] for fit in fits)  # each once
+        drops.append(f"{', '.join(codecs)}: quality drops after {100 * share:.0f} % of the steps")
+    if not drops:
+        return ""
+    return f"{'; '.join(drops)}, where an untrained autoencoder takes the place of the texture."
 
 
 def fit_tables(run: Run) -> Iterator[Table]:

@@ -22,6 +22,7 @@ from reports import series
 from reports.atlas import MAGMA, Atlases
 from reports.figures import Figure
 from reports.html import TEMPLATES
+from reports.leads import leads
 from reports.live import live
 from reports.notes import missing_note, run_notes
 from reports.numbers import EXACT, fixed, integer
@@ -119,6 +120,7 @@ class Page:
         self.slices = [atlases.slices_of(material) for material in self.materials]  # in the order of the materials
         self.measured = [material for material in self.materials if material.first]  # those with a comparable row
         self.sentence = _what_was_measured(self.measured) if self.measured else ""
+        self.lead = leads(run)
         self.nothing_measured = not any(table.kind == "main" for table in tables)
         has_means = any(plot["material"] == "" for plot in self.plots)  # plots of means over all materials
         # The material whose plots open the page; "" if those of the means do, or if there are no plots.

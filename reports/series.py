@@ -1,15 +1,15 @@
 """The data of plots, for the page and for figures: points, curves and samples by codec, as JSON can hold them.
 
-A plot has `material` ("" if it is over all), `kind`, `title`, its axes `x` and `y`, its `series`, and the labels of
-`missing` codecs. An axis has a `label` and may have a `unit`; `log` is true of a logarithmic one, `less` where less is
-better, and `ticks` are its marks. An entry of the series is a codec with its settings: its `label` and its `points`,
-lists of numbers; with `line`, a line joins them; one line joins all entries with the same `curve`.
+A plot has `material` ("" if it is over all), `kind`, `title`, its axes `x` and `y`, its `series`, the labels of
+`missing` codecs and, maybe, a `note`. An axis has a `label` and may have a `unit`; `log` is true of a logarithmic one,
+`less` where less is better, and `ticks` are its marks. An entry of the series is a codec with its settings: its `label`
+and its `points`, lists of numbers; with `line`, a line joins them; one line joins all entries with the same `curve`.
 
 A *slice* is one picture of a material: all texels at one pair of view and light directions. A *footprint* is the square
 of texels over which an answer is averaged. A model *of a scene* was fitted to the directions that one scene uses.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from statistics import fmean
 from typing import Any
 
@@ -20,7 +20,7 @@ from bench.compare.choosing.budgets import line_of
 from bench.compare.paired import decibels
 from bench.inputs.errors import InputError
 from bench.records import MOST_DB, Run, view
-from reports.fits import FitCurve, curves_by_material
+from reports.fits import FitCurve, curves_by_material, stages_note
 from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.styles import Styles, is_own
 
@@ -34,16 +34,19 @@ _DASHES = {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}  # lines of Matplotlib as S
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the PSNR of slices
 
 
-def codecs(run: Run) -> Series:
-    """How each codec that has a result is drawn, in the order of the suite: an entry has its `label`, `colour`,
-    `marker` (in Matplotlib's letters), whether the marker is `hollow`, and its `dash` ("" for a full line)."""
+def codecs(run: Run, lines: Iterable[str] = ()) -> Series:
+    """How each codec that has a result is drawn, in the order of the suite, after the `lines` of budgets, if any.
+
+    An entry has its `label`, `colour`, `marker` (in Matplotlib's letters), whether the marker is `hollow`, and its
+    `dash` ("" for a full line).
+    """
     styles = Styles(run)
-    labels: dict[str, None] = {}  # each once, in order
+    looks = {line: styles.of_line(line) for line in lines}
     for material in materials(run):
-        labels |= dict.fromkeys(codec.label for codec in material.codecs)
+        for codec in material.codecs:
+            looks.setdefault(codec.label, styles.of_codec(codec.label))
     entries = []
-    for label in labels:
-        look = styles.of_codec(label)
+    for label, look in looks.items():
         entry = {"label": label, "colour": look["color"], "marker": look["marker"]}
         entry["hollow"] = look["markerfacecolor"] != look["color"]
         entry["dash"] = _DASHES.get(look["linestyle"], "")
@@ -78,7 +81,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
         in_crowded_plots = _at_their_best(whole)
         remark = ", each codec at its best setting"
 
-    def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series) -> Plot:
+    def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series, note: str = "") -> Plot:
         """A plot as JSON can hold it; `x` is its axis, and `y` only the label of the other axis."""
         labels_with_points = {entry["label"] for entry in series}
         expected = in_crowded_plots if kind in _CROWDED else whole
@@ -91,6 +94,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
             # Codecs from outside come last, because what is drawn last is above.
             "series": sorted(series, key=lambda entry: is_own(entry["label"])),
             "missing": [codec.label for codec in expected if codec.label not in labels_with_points],
+            "note": note,
         }
 
     # Plots of a point a codec: quality over bytes, over the time of a query, and over the time of the fit.
@@ -106,11 +110,12 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
     # The curves of fits; their axis is the same seconds.
     labels = {codec.label for codec in in_crowded_plots}
     fit_points = {}  # by label: [seconds, PSNR]
-    for fit in curves:
-        if fit.label in labels:
-            # The axis is logarithmic, so it has no place for 0 seconds.
-            fit_points[fit.label] = [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0]
-    yield plot("fits", f"Quality over seconds{remark}", x, f"{QUALITY} (training samples)", _lines(fit_points))
+    drawn = [fit for fit in curves if fit.label in labels]
+    for fit in drawn:
+        # The axis is logarithmic, so it has no place for 0 seconds.
+        fit_points[fit.label] = [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0]
+    quality_in_fit = f"{QUALITY} (training samples)"
+    yield plot("fits", f"Quality over seconds{remark}", x, quality_in_fit, _lines(fit_points), stages_note(drawn))
 
     # Quality over footprints. A plot of single points would show no change of quality, so it is left without points.
     footprint_points = {codec.label: _footprints(codec) for codec in in_crowded_plots}

@@ -66,6 +66,10 @@ class Styles:
             "linestyle": LINES[setting % len(LINES)],
         }
 
+    def of_line(self, line: str) -> dict[str, Any]:
+        """The same for a line of budgets, "codec" or "codec, as published": as its codec, and not dashed."""
+        return self.of_codec(line.partition(",")[0]) | {"linestyle": "-"}
+
 
 def is_own(label: str) -> bool:
     """Whether the codec of a label is not one of the package, so most likely the reader's own."""

@@ -463,6 +463,7 @@ def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> No
         if mask.any():
             axes.scatter(np.radians(phi), theta, s=8, label=label)
     axes.set_rlim(0, 90)
+    axes.set_rgrids((30, 60, 90), angle=22.5, fontsize=7)  # each 10° would print numbers over one another
     axes.set_title(f"{title}: θ in degrees from the middle", fontsize=9)
     if heldout.any():
         axes.legend(fontsize=7, loc="lower left", bbox_to_anchor=(-0.15, -0.15))

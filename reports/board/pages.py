@@ -11,18 +11,16 @@ the truth and some codecs' answers at one pair of view and light. A *recipe* is 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from bench.compare.choosing.budgets import ENOUGH, budgets
-from bench.compare.choosing.curves import hulls, readings
-from bench.compare.paired import AGAINST
-from bench.records import Run, by_kind, kind_of, kind_order, pictures_are_free
+from bench.compare.choosing.budgets import ENOUGH
+from bench.records import kind_of, kind_order, pictures_are_free
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
-from reports.budgets import in_words
 from reports.figures.contact import strip
-from reports.figures.fronts import fronts
 from reports.figures.significance import critical_differences
 from reports.fits import curves_by_material
+from reports.front_plots import front_plots
+from reports.leads import leads
 from reports.live import Live, by_psnr
 from reports.page import Page, Picture, document
 from reports.rows import MaterialRows
@@ -32,6 +30,7 @@ from reports.tables import all_tables
 FRONT = "index.html"
 PAGES = 2.2  # all pages of materials together may have so many times the pictures of a run's page, which take 20 MB
 _KINDS = "rate speed cost"  # of plots over all materials, as a list of words for the pages' script
+_OF_LINES = "size time"  # those of lines over budgets
 _FITS = "as published and ours"  # the name of a codec's plots of fits
 _NO_PICTURES = "No pictures: this page was made without the files of the run."
 _NOT_FREE = (
@@ -79,12 +78,12 @@ class Board:
         values: Mapping[str, object],
         more: Sequence[series.Plot] = (),
     ) -> Iterator[str]:
-        """The text of a page in pieces: a template with these values, the plots of its sources, `more` plots, and how
+        """The text of a page in pieces: a template with these values, `more` plots, those of its sources, and how
         their codecs look.
 
         `template` is the name of a file in `reports/templates/`; `values` has what it shows by the names that it uses.
         """
-        plots: list[series.Plot] = []
+        plots = list(more)
         # Colours and markers are given to the codecs of a run in order. All sources are joined to one run for that, so
         # that a codec has one look on the whole page. Materials of two sources may share a name, so in the joined run
         # each is named after its source, too.
@@ -92,12 +91,16 @@ class Board:
         for source in sources:
             plots += self.plots[source.name]
             parts += [(f"{source.name}/{material.name}", source, material.name) for material in source.materials]
-        plots += more
         labels_in_plots: set[str] = set()
+        lines: dict[str, None] = {}  # of plots over budgets: each once, in order
         for plot in plots:
-            labels_in_plots.update(entry["label"] for entry in plot["series"])
-        looks = [look for look in series.codecs(joined(parts)) if look["label"] in labels_in_plots]
-        return document(template, title, looks, plots, {"kinds": _KINDS, "to_material": _to_material, **values})
+            labels = [entry["label"] for entry in plot["series"]]
+            labels_in_plots.update(labels)
+            if plot["kind"] in _OF_LINES.split():
+                lines |= dict.fromkeys(labels)
+        looks = [look for look in series.codecs(joined(parts), lines) if look["label"] in labels_in_plots]
+        common = {"kinds": f"{_OF_LINES} {_KINDS}", "to_material": _to_material}
+        return document(template, title, looks, plots, {**common, **values})
 
     def _front(self, sources: Sequence[Publication]) -> Iterator[str]:
         """The front: a section for each source, then all materials, all codecs, and how to hand in results."""
@@ -107,13 +110,17 @@ class Board:
         values = {
             "links": [(f"#{element}", words) for element, words in elements],
             "sources": map(_section, sources),  # made when the template takes each, because their figures are large
-            "budget": in_words(ENOUGH),
             "materials": self._materials_table(),
             "codecs": self._codecs_table(),
             "states": STATES,
             "to_codec": self.to_codec,
         }
-        return self._document("front.html", "neubtf-bench: results", sources, values)
+        of_budgets: list[series.Plot] = []
+        for source in sources:
+            if source.has_budgets:
+                for front in front_plots(source.run):
+                    of_budgets += [plot | {"material": source.name} for plot in (front.by_size, front.by_time)]
+        return self._document("front.html", "neubtf-bench: results", sources, values, of_budgets)
 
     def _materials_table(self) -> Table:
         """A row a material: the kinds of its truth, and the sources that have it."""
@@ -321,7 +328,7 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
 
 def _section(source: Publication) -> dict[str, Any]:
     """What the front shows of a source, by the names that its template uses: with budgets pictures, figures and tables
-    of these, else the summary alone. `fronts` and `ranks` are drawn only when the template takes them."""
+    of these, else the summary alone. `ranks` are drawn only when the template takes them."""
     run = source.run
     kinds = _kinds_in_words(source)
     # How many pairs were fitted and held out; the first material stands for all.
@@ -333,38 +340,18 @@ def _section(source: Publication) -> dict[str, Any]:
         "split": splits_in_words[0] if splits_in_words else "",
     }
     if not source.has_budgets:
-        nothing: dict[str, Any] = {"strip": None, "leads": [], "fronts": [], "tables": [], "ranks": []}
+        nothing: dict[str, Any] = {"strip": None, "lead": "", "tables": [], "ranks": []}
         return section | nothing | {"folded": all_tables(run, kind="summary")}
     open_tables: list[Table] = []
     for kind in ("front", "budgets", "curves"):
         open_tables += all_tables(run, kind=kind)
     return section | {
         "strip": strip(run, ENOUGH),
-        "leads": _leads(run),
-        "fronts": fronts(run),
+        "lead": leads(run),
         "tables": open_tables,
         "ranks": critical_differences(run),
         "folded": all_tables(run, kind="when"),
     }
-
-
-def _leads(run: Run) -> list[str]:
-    """A clause for each kind of surface: "relief leads on rendered surfaces, 2.5 dB before neubtf-direct".
-
-    The lead, in mean PSNR at the budget `ENOUGH`, is that before the codec `AGAINST` or, where it leads itself or is
-    missing, before the second. Kinds with fewer than two codecs have no clause.
-    """
-    result = budgets(run)
-    points = hulls(result, result.surfaces)  # curves of quality over bytes, by codec and surface
-    clauses: list[str] = []
-    for kind, surfaces in by_kind(result.surfaces).items():
-        means = readings(result, points, ENOUGH, surfaces)  # by codec, the best first
-        if len(means) > 1:
-            best, *others = means
-            other = AGAINST if AGAINST in others else others[0]
-            lead = means[best].value - means[other].value
-            clauses.append(f"{best} leads on {kind} surfaces, {lead:.1f} dB before {other}")
-    return clauses
 
 
 def _kinds_in_words(source: Publication, material: str = "") -> str:

@@ -2,102 +2,59 @@
 
 And the plots that the page also draws, as pictures: rate, speed, fits and level of detail.
 
-A *surface* is a material of the run. A *line* is a codec, or a codec as published. A *rung* is one setting of it, such
-as `components=8`, that was measured; within a *budget* (of bits a texel, or of the time of a query) validation pairs
-choose one rung of a line for each surface, and its PSNR at test pairs is drawn. The *curve* of a line on a surface
-joins its best rungs over bytes. The *floor* is the time of one bilinear colour fetch. A *choice* is a codec with its
-settings, execution and precision, as `neubtf-bench trade` timed it. A *goal* is a PSNR that a fit should reach soon.
+For surfaces, lines, rungs and curves see `reports.front_plots`. A *choice* is a codec with its settings, execution and
+precision, as `neubtf-bench trade` timed it. A *goal* is a PSNR that a fit should reach soon.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from textwrap import fill
 from typing import Any
 
 from matplotlib.ticker import NullLocator
 
-from bench.compare.choosing.budgets import BITS, EAGER, TIMES, Budgets, budgets
-from bench.compare.choosing.curves import Point, hulls, mean_at
-from bench.records import Run, TradeChoice, by_kind, grouped, load_trade
+from bench.records import Run, TradeChoice, grouped, load_trade
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.fits import GOALS_DB
+from reports.front_plots import FAR_DB, Front, front_plots
 from reports.rows import MaterialRows, materials
 from reports.series import Plot, plots_of
 from reports.styles import Styles
 
-FAR_DB = 8.0  # lines so far below the best at every size of a curve are left out: they would press others together
-_STEPS = 8  # points of a drawn curve from one budget of bytes to the next
-_SIZES = [BITS[0] * 2 ** (step / _STEPS) for step in range(_STEPS * (len(BITS) - 1) + 1)]  # bits a texel
+_NOTE = 115  # characters in a line of a note
 
 
 def fronts(run: Run) -> Iterator[Figure]:
     """One figure for each kind of surface (measured, rendered, …), if a line has a curve on one of that kind."""
-    result = budgets(run)
     styles = Styles(run)
-    for kind, surfaces in by_kind(result.surfaces).items():
-        if hulls(result, surfaces):
-            with style():
-                title = f"Quality over bytes and time, {kind} surfaces"
-                drawing = _drawn(result, surfaces, kind, styles)
-                yield Figure("", f"fronts-{kind}", title, png(drawing), drawing)
+    for front in front_plots(run):
+        with style():
+            title = f"Quality over bytes and time, {front.kind} surfaces"
+            drawing = _drawn(front, styles)
+            yield Figure("", f"fronts-{front.kind}", title, png(drawing), drawing)
 
 
-def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) -> Any:
-    """Means over the surfaces: curves over bytes, as far as they reach on each, and rungs within budgets of time.
-
-    `surfaces` are the names of those of one `kind`. Lines that are far below the best everywhere are left out of both
-    axes. Returns the drawing.
-    """
-    drawing, (by_size, by_time) = plots(11.5, 5.4, count=2)
+def _drawn(front: Front, styles: Styles) -> Any:
+    """Curves over bytes, and rungs within budgets of time, side by side. Returns the drawing."""
+    drawing, panels = plots(11.5, 5.4, count=2)
     handles: dict[str, Any] = {}  # by line: its curve, for the legend
-    # By line, its mean PSNR by bits a texel; by bits, the best of all lines, 0 where none reaches.
-    means = {line: _mean_curve(curves, surfaces) for line, curves in hulls(result, surfaces).items()}
-    best = {bits: max(curve.get(bits, 0.0) for curve in means.values()) for bits in _SIZES}
-    # The legend lists the lines in this order.
-    most_first = sorted(means, key=lambda line: -max(means[line].values(), default=0.0))
-    for line in most_first:
-        curve = means[line]
-        is_near = any(value > best[bits] - FAR_DB for bits, value in curve.items())
-        if not is_near:
-            continue
-        look = _look(styles, line)
-        marked = [place for place, bits in enumerate(curve) if bits in BITS]  # the budgets, among the points of a curve
-        (handles[line],) = by_size.plot(curve.keys(), curve.values(), **look, markersize=5, markevery=marked)
-    # By the time of a budget: the mean PSNR of each line that has a rung within it on every surface.
-    ranked = {budget.most: result.ranked(budget, surfaces) for budget in result.limits if budget.kind == EAGER}
-    for line in handles:
-        by_limit = {most: lines[line] for most, lines in ranked.items() if line in lines}
-        look = _look(styles, line)
-        by_time.plot(by_limit.keys(), by_limit.values(), **look, markersize=5)
-    labels = {by_size: (BITS, "bits of the file a texel"), by_time: (TIMES, "budget: time of a query, × floor")}
-    for axes, (ticks, label) in labels.items():
+    for axes, plot in zip(panels, (front.by_size, front.by_time), strict=True):
+        ticks = plot["x"]["ticks"]
+        for entry in plot["series"]:
+            costs, values = zip(*entry["points"], strict=True)
+            marked = [place for place, cost in enumerate(costs) if cost in ticks]  # the budgets, among the points
+            look = styles.of_line(entry["label"])
+            (handle,) = axes.plot(costs, values, **look, linewidth=1.2, markersize=5, markevery=marked)
+            handles.setdefault(entry["label"], handle)
         axes.set_xscale("log", base=2)
         axes.set_xticks(ticks, list(map(str, ticks)))
-        axes.set(xlabel=label, xlim=(ticks[0] * 0.8, ticks[-1] * 1.25))  # with a margin, on a logarithmic axis
+        # With a margin, on a logarithmic axis.
+        axes.set(xlabel=plot["x"]["label"], xlim=(ticks[0] * 0.8, ticks[-1] * 1.25))
+    by_size, by_time = panels
     by_size.set_ylabel("test PSNR, dB (higher is better)")
-    by_size.set_title(f"{kind} surfaces: {', '.join(surfaces)}; within {FAR_DB:g} dB of the best", loc="left")
+    surfaces = ", ".join(front.surfaces)
+    by_size.set_title(f"{front.kind} surfaces: {surfaces}; within {FAR_DB:g} dB of the best", loc="left")
     legend(by_time, list(handles.values()), list(handles))
     return drawing
-
-
-def _look(styles: Styles, line: str) -> dict[str, Any]:
-    """How a line of budgets, "codec" or "codec, as published", is drawn: as its codec, and not dashed.
-
-    These are arguments of Matplotlib's `plot`.
-    """
-    codec = line.partition(",")[0]
-    return styles.of_codec(codec) | {"linestyle": "-", "linewidth": 1.2}
-
-
-def _mean_curve(curves: Mapping[str, Sequence[Point]], surfaces: Sequence[str]) -> dict[float, float]:
-    """The mean PSNR in dB over surfaces of a line's curves by bits a texel, for those of `_SIZES` that each reaches.
-
-    `curves` has the points of the line's curve by surface.
-    """
-    mean_of = {}
-    for bits in _SIZES:
-        mean = mean_at(curves, surfaces, bits)
-        if mean is not None:
-            mean_of[bits] = mean
-    return mean_of
 
 
 def trade_fronts(run: Run) -> Iterator[Figure]:
@@ -217,7 +174,8 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
     if not marks:  # without marks, x is a cost
         xlabel += " (less is better)"
     axes.set(xlabel=xlabel, ylabel=plot["y"]["label"].replace("pairs)", "pairs; higher is better)"))
-    axes.set_title(title if is_of_fits else f"{title}\n{material.split_in_words}", loc="left")
+    below_title = fill(plot["note"], _NOTE) if is_of_fits else material.split_in_words
+    axes.set_title(f"{title}\n{below_title}".rstrip(), loc="left")
     absent = [codec.label for codec in material.codecs if codec.exact and codec.measured]
     if absent and not is_of_fits:
         drawing.supxlabel("not drawn, because they have no error: " + ", ".join(absent), fontsize=8)

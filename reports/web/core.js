@@ -43,7 +43,7 @@ const report = (() => {
     const look = lookOf(label), outline = OUTLINES[look.marker] || OUTLINES.o;
     const points = outline.map(([a, b]) => `${(x + size * a).toFixed(2)},${(y + size * b).toFixed(2)}`).join(" ");
     return drawn("polygon", { points, stroke: colourOf(label), "stroke-width": 1.4,
-      fill: look.hollow ? "var(--paper)" : colourOf(label) });
+      fill: look.hollow ? "none" : colourOf(label) });  // so that a hollow marker hides no other
   }
 
   function number(value, unit) {

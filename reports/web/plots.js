@@ -24,7 +24,7 @@
   }
 
   // The name of a codec, with its settings where the run has it at several.
-  const codecOf = (label) => label.split(" ")[0];
+  const codecOf = (label) => label.split(/[ ,]/)[0];
   const nameOf = (label) => (data.codecs.filter((each) => codecOf(each.label) === codecOf(label)).length > 1 ? label : codecOf(label));
 
   function range(values, log) {
@@ -58,6 +58,7 @@
           : plot.missing.join(", ");
         root.append(element("p", { class: "notes" }, `Not drawn, without such a number or without any error: ${names}.`));
       }
+      if (plot.note) root.append(element("p", { class: "notes" }, plot.note));
       this.svg.addEventListener("pointermove", (event) => this.near(event));
       this.svg.addEventListener("pointerleave", () => this.show(null));
       this.svg.addEventListener("blur", () => this.show(null));
@@ -91,6 +92,7 @@
       else {
         if (this.fronted()) this.front(width, all, h, v);
         this.ladders(shown, h, v);
+        for (const each of shown) if (each.line) this.line(each.label, each.points.map(([a, b]) => `${h(a)},${v(b)}`));
         for (const each of shown) this.one(each, h, v);
         this.names(width);
       }
@@ -100,7 +102,8 @@
 
     axes(width, xs, ys, h, v) {
       const text = (at, words, more) => this.svg.append(drawn("text", { ...at, ...more }, words));
-      let marks = this.plot.x.ticks || (this.plot.x.log ? logarithmic(...xs) : linear(...xs));
+      const { ticks } = this.plot.x;
+      let marks = ticks ? ticks.filter((tick) => xs[0] <= tick && tick <= xs[1]) : (this.plot.x.log ? logarithmic(...xs) : linear(...xs));
       while (marks.length > Math.max(1, width / 60)) marks = marks.filter((_, i) => i % 2 === 0);
       for (const mark of marks) {
         this.svg.append(drawn("line", { x1: h(mark), x2: h(mark), y1: TOP, y2: this.height - BOTTOM, class: "grid" }));
@@ -123,8 +126,7 @@
         best = b;
       }
       stair.push(`${width - RIGHT},${v(best)}`);
-      this.svg.append(drawn("polyline", { points: stair.join(" "), class: "front" }),
-        drawn("text", { x: LEFT + 6, y: TOP + 14, class: "better" }, "↖ better"));
+      this.svg.append(drawn("polyline", { points: stair.join(" "), class: "front" }));
     }
 
     // The spread of a codec's slices: a thin line, its middle half thick, a marker at the median, the name above.
@@ -137,19 +139,28 @@
       this.points.push({ label, x: middle, y, point });
     }
 
-    // The name of each point, or of a line at its end, where there is room beside it.
+    // The name of each point, or of a line at its end: beside it or, without room there, at the end of a thin line from
+    // it. What has no room at all is still told by pointer and keys.
     names(width) {
       const boxes = this.points.map(({ x, y }) => [x - 6, y - 6, x + 6, y + 6]);
-      if (this.fronted()) boxes.push([LEFT, TOP, LEFT + 60, TOP + 18]);
       const free = (box) => box[0] > LEFT && box[2] < width && box[1] > 0 && box[3] < HEIGHT - BOTTOM &&
         boxes.every((other) => box[0] >= other[2] || box[2] <= other[0] || box[1] >= other[3] || box[3] <= other[1]);
       pen.font = `11.5px ${getComputedStyle(this.root).fontFamily}`;
       for (const { label, x, y } of this.points.filter((at, i, all) => at.label !== all[i + 1]?.label)) {
         const name = nameOf(label), wide = pen.measureText(name).width;
-        const places = [[8, -6], [-8 - wide, -6], [-wide / 2, -19], [-wide / 2, 8], [5, -18], [5, 7], [-5 - wide, -18], [-5 - wide, 7]];
-        const box = places.map(([dx, dy]) => [x + dx, y + dy, x + dx + wide, y + dy + 12]).find(free);
+        const boxAt = ([dx, dy]) => [x + dx, y + dy, x + dx + wide, y + dy + 12];
+        const beside = [[8, -6], [-8 - wide, -6], [-wide / 2, -19], [-wide / 2, 8], [5, -18], [5, 7], [-5 - wide, -18], [-5 - wide, 7]];
+        const away = [24, 34, 46, 58, 72, 86, 102, 120, 140, 164].flatMap((r) => Array.from({ length: 16 }, (_, i) => {
+          const angle = (i * Math.PI) / 8, dx = r * Math.cos(angle);
+          return [dx < 0 ? dx - wide : dx, r * Math.sin(angle) - 6];
+        }));
+        const near = beside.map(boxAt).find(free), box = near || away.map(boxAt).find(free);
         if (!box) continue;
         boxes.push(box);
+        if (!near) {
+          const end = Math.min(Math.max(x, box[0]), box[2]);
+          this.svg.append(drawn("line", { x1: x, y1: y, x2: end, y2: (box[1] + box[3]) / 2, stroke: colourOf(label), class: "leader" }));
+        }
         this.svg.append(drawn("text", { x: box[0], y: box[1] + 10, class: "name" }, name));
       }
     }
@@ -170,14 +181,14 @@
     }
 
     one(each, h, v) {
-      const { label, points } = each;
-      if (each.line) this.line(label, points.map(([a, b]) => `${h(a)},${v(b)}`));
-      for (const point of points) {
+      // A curve has points between its ticks, too; only its end is told of these.
+      const { label } = each, { ticks } = this.plot.x, told = (p, i, all) => !ticks || ticks.includes(p[0]) || i === all.length - 1;
+      for (const point of each.points.filter(told)) {
         const [a, b, low, high] = point, at = { label, x: h(a), y: v(b), point };
         if (high > low) {
           this.svg.append(drawn("line", { x1: h(low), x2: h(high), y1: at.y, y2: at.y, stroke: colourOf(label) }));
         }
-        this.svg.append(marker(label, at.x, at.y, this.plot.kind === "fits" ? 2.6 : 5.5));
+        if (!ticks || ticks.includes(a)) this.svg.append(marker(label, at.x, at.y, this.plot.kind === "fits" ? 2.6 : 5));
         this.points.push(at);
       }
     }

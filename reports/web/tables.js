@@ -47,8 +47,13 @@
         const wanted = filter.value.toLowerCase();
         for (const row of table.tBodies[0].rows) row.hidden = !row.textContent.toLowerCase().includes(wanted);
       } });
-    const tools = element("div", { class: "tools" }, filter, columns(table, headers));
-    table.closest(".scroll").before(tools);
+    // Where the window cuts a table off, a word says so.
+    const scroll = table.closest(".scroll"), more = element("span", { class: "more", hidden: "" }, "more columns: scroll →");
+    const tools = element("div", { class: "tools" }, filter, columns(table, headers), more);
+    scroll.before(tools);
+    const watch = new ResizeObserver(() => { more.hidden = scroll.scrollWidth <= scroll.clientWidth; });
+    watch.observe(scroll);
+    watch.observe(table);
     headers.forEach((header, column) => {
       const button = element("button", { type: "button", click: () => sorted(table, column, header) });
       button.append(...header.childNodes);

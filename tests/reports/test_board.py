@@ -227,6 +227,9 @@ def test_a_page_asks_for_nothing_and_fits_a_telephone(browser, whole):
         tab.on("request", lambda request: problems.append(request.url) if request.url.startswith("http") else None)
         for name in ("index", "material-satin", "codec-pca"):
             tab.goto((whole / f"{name}.html").as_uri())
+            assert tab.locator("img.figure:visible").count() == 0, (
+                "a white picture on dark paper; plots fold with the window"
+            )
             tab.locator(".plot svg").first.scroll_into_view_if_needed()
             tab.locator(".plot polygon").first.wait_for(state="attached")
             assert tab.evaluate("document.documentElement.scrollWidth") == width

@@ -292,6 +292,33 @@ def test_a_codec_is_ticked_off_in_all_plots(opened):
     assert all(a < b for a, b in zip(after, before, strict=True) if b)
 
 
+def test_a_table_that_the_window_cuts_off_says_so(opened):
+    tools = opened.locator(".tools").filter(has=opened.get_by_label(re.compile("rows: satin: quality")))
+    seen = "[...document.querySelectorAll('.scroll')].filter((each) => each.checkVisibility())"
+    cut = f"{seen}.map((each) => each.scrollWidth > each.clientWidth)"
+    said = f"{seen}.map((each) => !each.previousElementSibling.querySelector('.more').hidden)"
+    for width in (390, 1000):
+        opened.set_viewport_size({"width": width, "height": 800})
+        opened.wait_for_timeout(200)
+        assert opened.evaluate(said) == opened.evaluate(cut)
+        assert tools.locator(".more").is_visible() or width == 1000
+
+
+@pytest.mark.timeout(120)
+def test_every_codec_is_named_however_near_the_points_are(browser, tmp_path, made):
+    labels = [f"{letter}-codec" for letter in "abcdefghijklmn"]
+    for number, label in enumerate(labels):
+        made.job(label, psnr=30.0 + 0.01 * number, bytes={"total": 1000 + number}).timing(label)
+    made.job("far", psnr=20.0, bytes={"total": 9_000_000})
+    write_report(made.folder)
+    tab = browser.new_page(viewport={"width": 400, "height": 800})
+    tab.goto((made.folder / "report.html").as_uri())
+    plot = tab.locator('[data-kind="rate"]').first
+    plot.locator("polygon").first.wait_for()
+    assert sorted(plot.locator("text.name").all_text_contents()) == sorted(["far", *labels])
+    tab.close()
+
+
 def test_a_point_is_told_by_pointer_and_key(opened):
     plot = opened.locator('[data-plots="satin"] [data-kind="speed"]')
     plot.scroll_into_view_if_needed()
