@@ -33,7 +33,7 @@ from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material, sample_texture, texel_centres
 from bench.timing.turns import KeptTurns
 
-TURNS = 60
+TURNS = 30
 BATCH = 16_384
 GPU_BATCH = 1 << 20  # with fewer a GPU's time counts its launches
 FLOOR = "floor"
