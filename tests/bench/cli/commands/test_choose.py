@@ -104,11 +104,8 @@ def test_sizes_are_written_with_k_and_m():
         parse_bytes(argparse.Namespace(max_bytes="much"), "max_bytes")
 
 
-def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_path, monkeypatch, capsys, brief):
+def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_path, monkeypatch, capsys, brief_trade):
     """Measured data: the fit leaves the validation pairs out, and so does the command."""
-    monkeypatch.setattr("bench.runs.trade.BATCH", 256)
-    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
-    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
     monkeypatch.chdir(tmp_path)
     btf = tiny_btf(64, 6, 6)
     every = np.stack([btf[i] for i in range(len(btf))])
@@ -149,11 +146,10 @@ def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_p
     assert "no setting meets that" in capsys.readouterr().out
 
 
-def test_the_command_makes_the_file_that_was_measured_on_a_built_in_material(tmp_path, monkeypatch, capsys, brief):
+def test_the_command_makes_the_file_that_was_measured_on_a_built_in_material(
+    tmp_path, monkeypatch, capsys, brief_trade
+):
     """Two rungs of a codec that starts at random numbers, so that another seed makes another file."""
-    monkeypatch.setattr("bench.runs.trade.BATCH", 256)
-    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
-    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
     monkeypatch.chdir(tmp_path)
     data = "data = {size = 16, views = 6, lights = 6, heldout = 6, validation = true}"
     codecs = 'codecs = [{codec = "neubtf-direct", steps = 2, latents = [4, 8]}]'
