@@ -79,10 +79,11 @@ def table_text(
     record, whatever the kind; but for the kind `trade`, one row for each codec, execution and precision that
     `neubtf-bench trade` timed.
 
-    Raises `InputError` if the folder holds no run, or not what is chosen, `ValueError` for an unknown format or kind.
+    Raises `InputError` if the folder holds no run, or not what is chosen, and if a table has no rows and a line of the
+    records is damaged, so that they may stand there; `ValueError` for an unknown format or kind.
     """
     from bench.compare.choosing import has_validation
-    from bench.records import load_together
+    from bench.records import load_together, refuse_damaged
     from reports import trade
     from reports.tables import all_tables
     from reports.terminal import terminal
@@ -105,7 +106,10 @@ def table_text(
     # A page of LaTeX is too narrow for all columns of a main table; a reader who picks columns decides that alone.
     narrow = format == "latex" and not (choice and choice.columns)
     against = choice.against if choice else ""
-    return _formatted(all_tables(run, narrow, kind, against), format, choice)
+    text = _formatted(all_tables(run, narrow, kind, against), format, choice)
+    if not text.strip() and kind != "unfinished":  # what was planned, and has no result, is known without the records
+        refuse_damaged(folders)
+    return text
 
 
 def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "Choice | None" = None) -> str:

@@ -50,6 +50,14 @@ def brief(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def brief_trade(brief: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `brief`, and what a trade times is small."""
+    monkeypatch.setattr("bench.runs.trade.BATCH", 256)
+    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
+    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
+
+
+@pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Jobs store nothing to draw: to record a material as a program takes a second."""
     monkeypatch.setattr("bench.runs.job.store_drawing", lambda file, keep: {"not_drawn": "undrawn"})

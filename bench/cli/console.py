@@ -3,7 +3,8 @@
 import sys
 import time
 from collections import Counter
-from typing import TYPE_CHECKING, cast
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from rich.console import Console as RichConsole
@@ -95,7 +96,7 @@ class Console:
 
     def say_file(self, header: Header) -> None:
         """Print what a codec file is: its codec, settings, bytes and cost."""
-        self.say(file_lines(header))
+        self.say(file_lines(file_fields(header)))
 
     def ended(self, outcome: "Outcome") -> None:
         """Print a finished job in one line, with the progress of the run if no bar shows it."""
@@ -115,24 +116,66 @@ class Console:
         self.say(line)
 
 
-def file_lines(header: Header) -> str:
-    """Describe a codec file: codec, settings, parts with bytes, tensors, and the cost of its decoder."""
+def file_fields(header: Header) -> dict[str, Any]:
+    """Codec, settings, bytes by part and tensors of a codec file, with its `material` and the cost of its decoder, or
+    the number of materials that a shared network was `trained_on`."""
     from bench.codecs.container import SHARED
     from bench.codecs.shared import read
 
-    settings = ", ".join(f"{key} = {value}" for key, value in header.settings.items())
-    sizes = ", ".join(f"{part} {size:,}" for part, size in header.part_bytes().items())
+    fields: dict[str, Any] = {
+        "path": str(header.path),
+        "codec": header.codec,
+        "version": header.version,
+        "settings": header.settings,
+        "bytes": {"total": header.file_bytes} | header.part_bytes(),
+    }
+    if header.kind == SHARED:
+        fields["trained_on"] = len(read(header.path).origins)
+    else:
+        fields["material"] = _material_fields(header)
+    if header.scene:
+        fields["scene"] = header.scene
+    tensors = {}
+    for name, (dtype, shape, size) in sorted(header.tensors.items()):
+        tensors[name] = {"dtype": dtype, "shape": shape, "bytes": size}
+    return fields | {"provenance": header.provenance, "tensors": tensors, "sha256": header.sha256}
+
+
+def _material_fields(header: Header) -> dict[str, Any]:
+    """The resolution of the material that a codec file decodes to, the cost and the layers of its decoder, and the
+    shared network that it needs, if any."""
+    from bench.codecs.loading import load
+    from bench.material import layers, parameters
+
+    _, material, network = load(header.path)
+    fields: dict[str, Any] = {
+        "size": material.size,
+        "parameters": parameters(material),
+        "texture_channels": material.cost.texture_channels,
+        "flops_per_sample": material.cost.flops_per_sample,
+        "bytes_per_sample": material.cost.bytes_per_sample,
+        "layers": [{"name": name, "kind": kind, "parameters": count} for name, kind, count in layers(material)],
+    }
+    if network:
+        fields["network"] = {"path": str(network.path), "bytes": network.file_bytes, "sha256": network.sha256}
+    return fields
+
+
+def file_lines(file: dict[str, Any]) -> str:
+    """Describe a codec file by its `file_fields`."""
+    settings = ", ".join(f"{key} = {value}" for key, value in file["settings"].items())
+    sizes = ", ".join(f"{part} {size:,}" for part, size in file["bytes"].items() if part != "total")
     lines = [
-        f"{header.path}: codec {header.codec}, version {header.version}, {header.file_bytes:,} bytes",
+        f"{file['path']}: codec {file['codec']}, version {file['version']}, {file['bytes']['total']:,} bytes",
         f"settings: {settings or 'none'}",
         f"bytes: {sizes}",
     ]
-    if header.kind == SHARED:
-        lines.append("this file holds no material, but the network that the codec shares over materials")
-        lines.append(f"trained on: {len(read(header.path).origins)} materials")
+    if "material" in file:
+        lines += _material_lines(file["material"])
     else:
-        lines += _material_lines(header)
-    scene = header.scene
+        lines.append("this file holds no material, but the network that the codec shares over materials")
+        lines.append(f"trained on: {file['trained_on']} materials")
+    scene = file.get("scene")
     if scene:
         top, left, height, width = scene["window"]
         across = scene["factor"]
@@ -142,103 +185,136 @@ def file_lines(header: Header) -> str:
             f"from row {top}, column {left}, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
             f"{scene['uniform']:.0%} of samples spread evenly"
         )
-    lines += [f"provenance: {key} = {value}" for key, value in header.provenance.items()]
-    for name, (dtype, shape, size) in sorted(header.tensors.items()):
-        form = " × ".join(map(str, shape)) or "scalar"
-        lines.append(f"  {name}  {dtype} {form}  {size:,} bytes")
-    lines.append(f"sha256: {header.sha256}")
+    lines += [f"provenance: {key} = {value}" for key, value in file["provenance"].items()]
+    for name, tensor in file["tensors"].items():
+        form = " × ".join(map(str, tensor["shape"])) or "scalar"
+        lines.append(f"  {name}  {tensor['dtype']} {form}  {tensor['bytes']:,} bytes")
+    lines.append(f"sha256: {file['sha256']}")
     return "\n".join(visible(line) for line in lines)
 
 
-def _material_lines(header: Header) -> list[str]:
+def _material_lines(material: dict[str, Any]) -> list[str]:
     """Describe the material that a codec file decodes to, with the layers of its decoder if there are any."""
-    from bench.codecs.loading import load
-    from bench.material import layers, parameters
-
-    _, material, network = load(header.path)
     lines = [
-        f"resolution: {material.size[0]} × {material.size[1]} texels",
-        f"decoder: {parameters(material):,} parameters, {material.cost.texture_channels} texture channels, "
-        f"{material.cost.flops_per_sample:,} FLOP and {material.cost.bytes_per_sample:,} bytes read a sample",
+        f"resolution: {material['size'][0]} × {material['size'][1]} texels",
+        f"decoder: {material['parameters']:,} parameters, {material['texture_channels']} texture channels, "
+        f"{material['flops_per_sample']:,} FLOP and {material['bytes_per_sample']:,} bytes read a sample",
     ]
-    rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
+    rows = [(layer["name"], layer["kind"], f"{layer['parameters']:,}") for layer in material["layers"]]
     if rows:
         lines.append("layers of the decoder and their trainable parameters, counted by torchinfo:")
         name_width, kind_width, count_width = (max(map(len, column)) for column in zip(*rows, strict=True))
         for name, kind, count in rows:
             lines.append(f"  {name:<{name_width}}  {kind:<{kind_width}}  {count:>{count_width}}")
+    network = material.get("network")
     if network:
-        lines.append(f"shared network: {network.path}, {network.file_bytes:,} bytes, sha256 {network.sha256}")
+        lines.append(f"shared network: {network['path']}, {network['bytes']:,} bytes, sha256 {network['sha256']}")
     return lines
 
 
-def btf_lines(portrait: "Look") -> str:
-    """Describe a BTF: size, directions, split, range of values, its reader's notes, and warnings."""
+def btf_fields(portrait: "Look") -> dict[str, Any]:
+    """Size, directions, split, range of values and reader's notes of a BTF, what was found of its azimuths, and
+    warnings."""
     btf = portrait.btf
-    values = portrait.values
     split = btf.split()
-    repeats = "periodic" if btf.periodic else "not periodic"
-    lines = [
-        f"{btf.name}: {btf.shape[0]} × {btf.shape[1]} texels, {len(btf):,} pairs, {repeats}",
-        f"training: {_pairs_line(btf, split.train)}",
-    ]
-    for name, pairs in split.heldout.items():
-        title = "held out" if name == "heldout" else f"held out, {name}"
-        lines.append(f"{title}: {_pairs_line(btf, pairs)}")
-    if not split.heldout:
-        lines.append("held out: no pairs")
     low, high = portrait.extremes
+    return {
+        "name": btf.name,
+        "shape": btf.shape,
+        "pairs": len(btf),
+        "periodic": btf.periodic,
+        "training": _pairs_fields(btf, split.train),
+        "heldout": {name: _pairs_fields(btf, pairs) for name, pairs in split.heldout.items()},
+        "slices_read": portrait.read,
+        "values": {"minimum": float(low), "median": float(np.median(portrait.values)), "maximum": float(high)},
+        "views": len(portrait.layout.views),
+        "half_vectors": asdict(portrait.half_vectors) if portrait.half_vectors else None,
+        "lobe": asdict(portrait.lobe) if portrait.lobe else None,
+        "fingerprint": btf.fingerprint,
+        "provenance": btf.provenance,
+        "warnings": portrait.warnings(),
+    }
+
+
+def btf_lines(btf: dict[str, Any]) -> str:
+    """Describe a BTF by its `btf_fields`."""
+    repeats = "periodic" if btf["periodic"] else "not periodic"
+    lines = [
+        f"{btf['name']}: {btf['shape'][0]} × {btf['shape'][1]} texels, {btf['pairs']:,} pairs, {repeats}",
+        f"training: {_pairs_line(btf['training'])}",
+    ]
+    for name, pairs in btf["heldout"].items():
+        title = "held out" if name == "heldout" else f"held out, {name}"
+        lines.append(f"{title}: {_pairs_line(pairs)}")
+    if not btf["heldout"]:
+        lines.append("held out: no pairs")
     of_which = "of all slices"
-    if portrait.read < len(btf):
-        of_which = f"of {portrait.read:,} of {len(btf):,} slices; others may hold more, or NaN"
-    lines.append(f"values ({of_which}): minimum {low:.4g}, median {np.median(values):.4g}, maximum {high:.4g}")
-    lines += _frame_lines(portrait)
-    lines.append(f"fingerprint: {btf.fingerprint}")
-    for key, value in btf.provenance.items():
+    if btf["slices_read"] < btf["pairs"]:
+        of_which = f"of {btf['slices_read']:,} of {btf['pairs']:,} slices; others may hold more, or NaN"
+    values = ", ".join(f"{name} {value:.4g}" for name, value in btf["values"].items())
+    lines.append(f"values ({of_which}): {values}")
+    lines += _frame_lines(btf)
+    lines.append(f"fingerprint: {btf['fingerprint']}")
+    for key, value in btf["provenance"].items():
         words = value
         if isinstance(value, dict):
             words = ", ".join(f"{name} = {entry}" for name, entry in value.items())
         lines.append(f"  {key}: {words}")
-    lines += [f"warning: {text}" for text in portrait.warnings()]
+    lines += [f"warning: {text}" for text in btf["warnings"]]
     return "\n".join(visible(line) for line in lines)
 
 
-def _frame_lines(portrait: "Look") -> list[str]:
+def _frame_lines(btf: dict[str, Any]) -> list[str]:
     """Say whether the azimuths of views and lights seem to be right, or why that is not known.
 
     Around the normal, a surface reflects most toward the mirror direction, 180° away from the light. So its mean lobe,
     the mean radiance over texels by azimuth, should follow the difference φ_i − φ_o. If it follows the sum instead, the
     azimuths of views or of lights are mirrored.
     """
-    if len(portrait.layout.views) < 2:
+    if btf["views"] < 2:
         return ["one view: a codec's answers from other views are not measured"]
-    if portrait.half_vectors:
-        shares = [f"{share:.0%} {frame}" for frame, share in portrait.half_vectors.shares.items()]
-        return [f"frame: half vectors of {portrait.half_vectors.count} pairs explain {', '.join(shares)}"]
-    if not portrait.lobe:
+    half_vectors = btf["half_vectors"]
+    if half_vectors:
+        shares = [f"{share:.0%} {frame}" for frame, share in half_vectors["shares"].items()]
+        return [f"frame: half vectors of {half_vectors['count']} pairs explain {', '.join(shares)}"]
+    lobe = btf["lobe"]
+    if not lobe:
         return ["frame: not checked: views and lights share no ring of azimuths with all pairs, or all is dark there"]
-    lobe = portrait.lobe
+    explained = f"{lobe['difference_share']:.0%} of the mean lobe at theta {lobe['theta_deg']:.0f}°"
     return [
-        f"frame: phi_i - phi_o explains {lobe.difference_share:.0%} of the mean lobe at theta {lobe.theta_deg:.0f}°, "
-        f"most at {lobe.peak_deg:.0f}° (180°: mirror direction); phi_i + phi_o (if one side is mirrored) "
-        f"{lobe.sum_share:.0%}"
+        f"frame: phi_i - phi_o explains {explained}, most at {lobe['peak_deg']:.0f}° (180°: mirror direction); "
+        f"phi_i + phi_o (if one side is mirrored) {lobe['sum_share']:.0%}"
     ]
 
 
-def _pairs_line(btf: "BTF", pairs: np.ndarray) -> str:
-    """Describe some pairs of a BTF: their number and directions."""
+def _pairs_fields(btf: "BTF", pairs: np.ndarray) -> dict[str, Any]:
+    """The number of some pairs of a BTF, of their views and lights, the largest angles of these from the normal, and
+    whether the pairs are the product of both."""
     from bench.btf import Layout
     from bench.directions.hemisphere import to_degrees
 
     if not len(pairs):
-        return "no pairs"
-
-    def in_words(directions: np.ndarray, word: str) -> str:
-        """The number of some directions, and the largest angle from the normal."""
-        theta, _ = to_degrees(directions)
-        plural = "" if len(directions) == 1 else "s"
-        return f"{len(directions):,} {word}{plural} up to {theta.max():.1f}°"
-
+        return {"pairs": 0}
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
-    line = f"{len(pairs):,} pairs, {in_words(layout.views, 'view')}, {in_words(layout.lights, 'light')}"
-    return line if layout.grid is None else f"{line} (their product)"
+    view_theta, _ = to_degrees(layout.views)
+    light_theta, _ = to_degrees(layout.lights)
+    return {
+        "pairs": len(pairs),
+        "views": len(layout.views),
+        "view_theta_deg": float(view_theta.max()),
+        "lights": len(layout.lights),
+        "light_theta_deg": float(light_theta.max()),
+        "product": layout.grid is not None,
+    }
+
+
+def _pairs_line(pairs: dict[str, Any]) -> str:
+    """Describe some pairs of a BTF by their `_pairs_fields`."""
+    if not pairs["pairs"]:
+        return "no pairs"
+    line = f"{pairs['pairs']:,} pairs"
+    for word in ("view", "light"):
+        count = pairs[f"{word}s"]
+        plural = "" if count == 1 else "s"
+        line += f", {count:,} {word}{plural} up to {pairs[f'{word}_theta_deg']:.1f}°"
+    return f"{line} (their product)" if pairs["product"] else line

@@ -4,7 +4,19 @@ Imports neither PyTorch nor pandas.
 """
 
 from bench.records.fields import field_names, kept, require, shown_columns
-from bench.records.lines import FILE, STRESS, TRADE, Records, Run, append, load_run, load_together, load_trade, view
+from bench.records.lines import (
+    FILE,
+    STRESS,
+    TRADE,
+    Records,
+    Run,
+    append,
+    load_run,
+    load_together,
+    load_trade,
+    refuse_damaged,
+    view,
+)
 from bench.records.meaning import (
     CONDITIONS,
     FLIP,

@@ -240,6 +240,21 @@ def load_together(
     return together
 
 
+def refuse_damaged(sources: Sequence[str | Path]) -> None:
+    """Raise an `InputError` if a line of what `load_together` reads is cut or altered: what is missing may stand there.
+
+    For a caller that finds nothing in the other lines.
+    """
+    for source in sources:
+        for path in _files_of(Path(source)):
+            unreadable = load_run(path).unreadable
+            if unreadable:
+                file = path if path.suffix == ".jsonl" else path / FILE
+                lines = ", ".join(map(str, unreadable))
+                why = "damaged (cut or altered), and the rest has nothing to show: mend or remove the damaged"
+                raise InputError(f"{file}, line(s) {lines}: {why}")
+
+
 def _of_other_data(job: Job, known: Job | None) -> bool:
     """Whether a job and the known one of its name were measured on different data; False if either does not say."""
     mine = job.get("score_key", {}).get("btf")

@@ -1,5 +1,10 @@
-from bench.records import append, load_run
-from reports import table_text
+from pathlib import Path
+
+import pytest
+
+from bench.inputs.errors import InputError
+from bench.records import FILE, append, load_run
+from reports import KINDS, table_text
 from reports.notes import missing_note
 from reports.summary import summary_table
 
@@ -25,3 +30,18 @@ def test_what_was_planned_and_has_no_result_is_named_by_codec_and_material(made)
         ["satin", "vq components=4", "not run", "seeds 0, 1"],
         ["satin", "table", "not run", "seed 1"],
     ]
+
+
+NEVER_EMPTY = ("parameters", "paper", "unfinished")  # the last one's rows are those of jobs without a record
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in NEVER_EMPTY])
+def test_a_table_without_rows_names_the_damaged_line_where_they_may_stand(made, kind):
+    file = Path(made.folder) / FILE
+    assert table_text(made.folder, "markdown", kind).strip() == ""  # sound records that have no rows
+    made.job("pca", material="satin")
+    first, second = file.read_bytes().splitlines(keepends=True)
+    for damaged in (second[:-9], second.replace(b"pca", b"pcb")):
+        file.write_bytes(first + damaged)
+        with pytest.raises(InputError, match=r"records\.jsonl, line\(s\) 2: "):
+            table_text(made.folder, "markdown", kind)

@@ -6,6 +6,7 @@ A command's module has a docstring, whose first line stands in the list of comma
 """
 
 import argparse
+import json
 import pkgutil
 from collections.abc import Callable
 from functools import partial
@@ -138,6 +139,32 @@ def write_text(path: Path, text: str, remedy: str = "choose another place") -> N
     with writable(path, remedy):
         atomic.write(path, text.encode())
     say_line(f"wrote {path}")
+
+
+def json_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option that `json_writer` takes."""
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all of it as JSON")
+
+
+def json_writer(path: Path | None) -> Callable[[Any], None]:
+    """A function that writes values to this file as JSON, or does nothing without one.
+
+    `InputError`, before there are any values, if a file of another kind has this name.
+    """
+    if path is None:
+        return lambda values: None
+    atomic.refuse_other_kind(path, ".json", atomic.begins(b"{"))
+
+    def plain(value: Any) -> Any:
+        """NumPy's numbers and arrays as Python's; anything else that JSON has no form for, such as a path, as text."""
+        return value.tolist() if hasattr(value, "tolist") else str(value)
+
+    def write(values: Any) -> None:
+        """Write values; NaN and infinity, which JSON lacks, become null."""
+        finite = json.loads(json.dumps(values, default=plain), parse_constant=lambda name: None)
+        write_text(path, json.dumps(finite, indent=2), "choose another --json")
+
+    return write
 
 
 def usable_device(name: str) -> str:

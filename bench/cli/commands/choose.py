@@ -2,11 +2,13 @@
 
 If no measured setting meets the wish, and some settings of the suite are not measured yet, the command first fits and
 measures these. It says how many, and about how long it takes once one fit of each codec is done. Validation pairs
-decide, test pairs are only shown. If none meets the wishes, it says which of them the nearest one misses.
+decide, test pairs are only shown. If none meets the wishes, it says which of them the nearest one misses. `--json`
+writes the chosen setting, or the nearest one, and which of `size`, `time`, `score` and `gpu` it has `missed`.
 
 examples:
   neubtf-bench choose satin --min-psnr 30
   neubtf-bench choose satin --max-bytes 300k --max-ns 500 -o satin.nbtf
+  neubtf-bench choose satin --max-bytes 300k --json choice.json
   neubtf-bench choose satin --min-psnr 30 --codec neumip --codec pca --steps 300 --jobs 0
 """
 
@@ -15,8 +17,9 @@ import re
 import shlex
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
-from bench.cli.commands import say_line, several, usable_device, workers
+from bench.cli.commands import json_option, json_writer, say_line, several, usable_device, workers
 from bench.cli.console import Console
 from bench.codecs import container, shared
 from bench.codecs.loading import load
@@ -67,6 +70,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, help="the folder of a `trade`, extended if need be (default: runs/SUITE)")
     add("--device", default="cpu", help="cpu or cuda (default: cpu)")
     add("-o", "--copy", type=Path, metavar="FILE", help="copy the chosen codec file to this place")
+    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -81,6 +85,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("choose: no wish is given: give --min-psnr, --max-bytes, --max-gpu-bytes or --max-ns")
     if options.copy:
         container.refuse_other_file(options.copy)
+    write_json = json_writer(options.json)
     # Which settings are there, measured or not, and do those that are measured meet the wishes?
     suite = _suite(options)
     folder = options.out or Path("runs") / suite.name
@@ -108,14 +113,32 @@ def run(options: argparse.Namespace) -> int:
         say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(nearest_row)}{time}")
         say_line(f"it misses {' and '.join(OPTION_OF[field] for field in wishes.missed(nearest_rung))}")
         _say_other(folder, options, wishes)
+        write_json(_fields(folder, nearest_row) | {"missed": wishes.missed(nearest_rung)})
         return NO
     say_line(f"{material}: {choice_in_words(best.of)}")
-    _say_cost(folder, best.of)
+    fields = _fields(folder, best.of)
+    _say_cost(best.of, fields["gpu_bytes"])
     _offer(folder, best.of, options.copy)
     command = _command(suite, best.of, options.device)
     if command:
         say_line(command)
+    write_json(fields | {"missed": [], "command": command or None})
     return FINE
+
+
+def _fields(folder: Path, row: "TradeChoice") -> dict[str, Any]:
+    """What a measured setting is: its names, settings, costs and scores, and its file."""
+    job = load_run(folder).job(row.get("job", ""))
+    file = job.get("file") if job else None
+    names = ("material", "label", "codec", "settings", "execution", "precision", "device", "threads", "sha256")
+    return {name: row.get(name) for name in names} | {
+        "bytes": row["bytes"],
+        "gpu_bytes": _gpu_bytes(folder, row.get("job", "")),
+        "ns_per_sample": row["ns_per_sample"],
+        "longest_ns": longest_ns(row),
+        "psnr": {"validation": row["validation"]["mean"], "test": row["psnr"]},
+        "file": str(folder / file) if file else None,
+    }
 
 
 def _say_other(folder: Path, options: argparse.Namespace, wishes: Limits) -> None:
@@ -129,9 +152,8 @@ def _say_other(folder: Path, options: argparse.Namespace, wishes: Limits) -> Non
         say_line(f"without --codec: {choice_in_words(best.of)}")
 
 
-def _say_cost(folder: Path, row: "TradeChoice") -> None:
+def _say_cost(row: "TradeChoice", gpu_bytes: int | None) -> None:
     """Print the time of the chosen setting, and the bytes of its textures on a GPU."""
-    gpu_bytes = _gpu_bytes(folder, row.get("job", ""))
     on_a_gpu = f"{gpu_bytes:,} bytes of textures, as `export` writes them" if gpu_bytes else "not exported"
     longest = f"up to {longest_ns(row):,.0f} ns a sample by its 95 % interval"
     print(f"time: {timed_on(row)}, {longest}; on a GPU: {on_a_gpu}")

@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import assignments, read_as, reading_options, seed_option, threads, usable_device
-from bench.cli.console import Console, file_lines
+from bench.cli.console import Console
 from bench.codecs import container, shared
 from bench.codecs.encoding import error_in_words
 from bench.codecs.registry import make_codec
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
             encode(btf, codec, options.out, show=console.show, **how)
     # Decoding the new file shows a fault of the codec at once, not when the file is used.
     try:
-        console.say(file_lines(container.read_header(options.out)))
+        console.say_file(container.read_header(options.out))
     except ContainerError as error:
         # An exception that is no `InputError` comes from the codec's own code.
         if error.__cause__ is None or isinstance(error.__cause__, InputError):

@@ -3,13 +3,14 @@
 examples:
   neubtf-bench info satin.nbtf
   neubtf-bench info material.btf --picture material.png
+  neubtf-bench info satin.nbtf --json satin.json
 """
 
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import read_as, reading_options, say_line
-from bench.cli.console import btf_lines, file_lines
+from bench.cli.commands import json_option, json_writer, read_as, reading_options, say_line
+from bench.cli.console import btf_fields, btf_lines, file_fields, file_lines
 from bench.codecs.container import read_header
 from bench.data.open import open_named
 from bench.data.portrait import draw, look
@@ -21,25 +22,31 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("path")
     reading_options(parser)
     parser.add_argument("--picture", type=Path, metavar="OUT.png", help="draw a BTF: directions, values, contact sheet")
+    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print what a codec file or a BTF holds, and draw a BTF if asked to; returns the exit code."""
+    write_json = json_writer(options.json)
     path = Path(options.path)
     if path.is_file() and _is_codec_file(path):
         if options.picture:
             raise InputError(f"{path}: --picture draws a BTF, and this is a codec file: decode it and draw the result")
 
-        print(file_lines(read_header(path)))
+        file = file_fields(read_header(path))
+        print(file_lines(file))
+        write_json(file)
         return FINE
 
     if options.picture:
         refuse_other_kind(options.picture, ".png", begins(PNG))
     portrait = look(open_named(options.path, read_as(options)))
-    print(btf_lines(portrait))
+    btf = btf_fields(portrait)
+    print(btf_lines(btf))
     if options.picture:
         draw(portrait, options.picture)
         say_line(f"wrote {options.picture}")
+    write_json(btf)
     return FINE
 
 

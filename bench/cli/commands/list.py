@@ -3,11 +3,13 @@
 examples:
   neubtf-bench list
   neubtf-bench list codecs pca
+  neubtf-bench list codecs pca --json pca.json
 """
 
 import argparse
+from typing import Any
 
-from bench.cli.commands import say_line
+from bench.cli.commands import json_option, json_writer, say_line
 from bench.inputs.errors import FINE, InputError
 
 
@@ -15,6 +17,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     kinds = ["codecs", "materials", "suites", "metrics", "readers"]
     parser.add_argument("what", nargs="?", choices=kinds, help="only these")
     parser.add_argument("name", nargs="?", help="the name of a codec, to list its settings, defaults and limits")
+    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -25,8 +28,10 @@ def run(options: argparse.Namespace) -> int:
     from bench.data import materials, readers
     from bench.runs import suite
 
+    write_json = json_writer(options.json)
     if options.name:  # one codec in full
-        return _settings(options.what, options.name)
+        write_json(_settings(options.what, options.name))
+        return FINE
     codecs = {}
     with Console() as console:
         entries = sorted(registry.codec_entries().items())
@@ -45,29 +50,33 @@ def run(options: argparse.Namespace) -> int:
         "metrics": metrics.listed(),
         "readers": readers.listed(),
     }
+    if options.what:
+        listings = {options.what: listings[options.what]}
     for title, each in listings.items():
-        if options.what in (None, title):
-            width = max(map(len, each))
-            print(f"{title}:")
-            for name, text in each.items():
-                say_line(f"  {name:<{width}}  {text}")
+        width = max(map(len, each))
+        print(f"{title}:")
+        for name, text in each.items():
+            say_line(f"  {name:<{width}}  {text}")
+    write_json(listings)
     return FINE
 
 
-def _settings(what: str, name: str) -> int:
-    """Print the settings of a codec, and of the network that it shares over materials if it has one."""
+def _settings(what: str, name: str) -> dict[str, Any]:
+    """Print the settings of a codec, and of the network that it shares over materials if it has one; returns what it
+    prints."""
     from bench.codec import described_settings
     from bench.codecs.registry import codec_entries, describe, load_codec, origin
     from bench.inputs.settings import Setting, descriptions
 
-    def table(settings: list[Setting]) -> None:
-        """Print one line for each setting, in aligned columns."""
+    def table(settings: list[Setting]) -> dict[str, dict[str, str]]:
+        """Print one line for each setting, in aligned columns; returns the settings by name."""
         head = ("setting", "default", "must be", "meaning")
         rows = [head, *((each.name, each.default, each.kind, each.meaning) for each in settings)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             cells = [f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)]
             say_line(f"  {'  '.join(cells)}".rstrip())
+        return {each.name: {"default": each.default, "kind": each.kind, "meaning": each.meaning} for each in settings}
 
     if what != "codecs":
         raise InputError(f"list {what} {name}: only codecs have settings: list codecs NAME")
@@ -76,10 +85,17 @@ def _settings(what: str, name: str) -> int:
     versions = [f"version {codec.version}"]
     versions += [f"recipe={recipe} {version}" for recipe, version in codec.recipe_versions.items()]
     say_line(f"{name}, {', '.join(versions)}, of {origin(entry)}: {describe(entry)}")
-    table(described_settings(codec))
+    listed: dict[str, Any] = {
+        "codec": name,
+        "version": codec.version,
+        "recipe_versions": codec.recipe_versions,
+        "package": origin(entry),
+        "description": describe(entry),
+        "settings": table(described_settings(codec)),
+    }
     if codec.network:
         say_line(
             f"settings of the network that it shares over materials (neubtf-bench pretrain {name} --set KEY=VALUE):"
         )
-        table(descriptions(codec.network.Settings))
-    return FINE
+        listed["network_settings"] = table(descriptions(codec.network.Settings))
+    return listed

@@ -17,7 +17,7 @@ from pathlib import Path
 import torch
 
 from bench.cli.commands import assignments, seed_option, several, threads, usable_device
-from bench.cli.console import Console, file_lines
+from bench.cli.console import Console
 from bench.codec import Fit
 from bench.codecs import shared
 from bench.codecs.registry import load_codec
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
         added = [open_named(name, {}, console.show) for name in options.add]
         fit = Fit(device, options.threads, options.seed, console.show)
         header = pretrain(network, fit, options.out or shared.place(codec.name), count, added)
-    console.say(file_lines(header))
+    console.say_file(header)
     for point in fit.history:
         console.say(f"{point['step']:8,} steps  {point['psnr']:6.2f} dB on surfaces kept out of training")
     return FINE

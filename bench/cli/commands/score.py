@@ -12,15 +12,13 @@ examples:
 """
 
 import argparse
-import json
 from dataclasses import replace
 from pathlib import Path
 
-from bench.cli.commands import assignments, read_as, reading_options, threads, usable_device, write_text
+from bench.cli.commands import assignments, json_option, json_writer, read_as, reading_options, threads, usable_device
 from bench.cli.console import Console
 from bench.codecs.container import read_header
 from bench.data.open import open_named
-from bench.files.atomic import begins, refuse_other_kind
 from bench.inputs.errors import FINE, InputError
 from bench.records import Job
 from bench.runs.library import score
@@ -37,7 +35,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--demand", type=Path, help="an .npz of `neubtf-bench demand`: score in its scene too")
     parser.add_argument("--threads", type=threads, default=1, help="CPU threads of the decoder (default: 1)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write every number as JSON")
+    json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -47,8 +45,7 @@ def run(options: argparse.Namespace) -> int:
         if not key.startswith("data."):
             raise InputError(f"--set {key}: the file has its codec's settings already; only data.KEY can be set here")
     changes |= read_as(options)
-    if options.json:
-        refuse_other_kind(options.json, ".json", begins(b"{"))
+    write_json = json_writer(options.json)
     if not options.file.is_dir():
         read_header(options.file)  # report a wrong file before anything is rendered
     with Console() as console:
@@ -68,6 +65,5 @@ def run(options: argparse.Namespace) -> int:
         "run": "",
     }
     print(score_text(job | scores))
-    if options.json:
-        write_text(options.json, json.dumps(scores, indent=2, allow_nan=False), "choose another --json")
+    write_json(scores)
     return FINE

@@ -24,6 +24,7 @@ ROOT = Path(__file__).parents[3]
 REFERENCES = "bench/compare/references"
 QUICK = ("new", "list", "bake", "info", "convert", "export")
 TINY = "--set data.size=8 --set data.views=6 --set data.lights=6 --set data.heldout=8"
+SMALL = "--set data.size=16"
 # In this order, a command finds what another one wrote. `cache --clear` comes last.
 ORDER = [
     "new",
@@ -65,12 +66,17 @@ SMALLER = {
     "run quick": "--material satin --codec pca --codec neumip --codec neubtf-direct --set steps=2 --set data.size=36",
     "run quick --material PATH": "",
     "run quick --material satin": "--set neumip.steps=2 --set data.size=8",
-    "run budgets": f"--material satin --codec pca --codec neubtf-direct --set steps=2 --jobs 1 {TINY}",
+    "run budgets": f"--material satin --codec pca --jobs 1 {TINY}",
     "bake": "--size 8 --views 6 --lights 6 --heldout 8",
     "pretrain": "--steps 2 --materials 2",
     "demand": "--queries 2000",
-    "encode cable-knit": "--set data.size=16",
+    "encode cable-knit": SMALL,
+    "encode satin": SMALL,
+    "score": SMALL,
+    "score small.nbtf": "",
+    "view satin.nbtf --truth satin": SMALL,
     "render": "--width 16 --rays 1",
+    "render satin.nbtf --truth satin": f"--width 16 --rays 1 {SMALL}",
     "render satin.nbtf --scene kitchen.xml": "--samples 1",
     "time": f"--material satin --codec pca --device cpu --minutes 0.1 {TINY}",
     "trade": f"--codec mean-colour {TINY}",
@@ -155,7 +161,8 @@ def before(words: list[str]) -> None:
         install(Path("site"), "mine", {"my-codec": "my_codec_codec:MyCodec"}, {"my_codec_codec": text})
         importlib.invalidate_caches()
     elif line.startswith("decode satin.nbtf --maps"):
-        assert cli.main(["encode", "satin", "--codec", "svbrdf", "--set", "steps=2", "-o", "satin.nbtf"]) == 0
+        maps = f"encode satin --codec svbrdf --set steps=2 {SMALL} -o satin.nbtf"
+        assert cli.main(maps.split()) == 0
     elif line.startswith("score small.nbtf"):
         assert cli.main(["encode", "satin", "--codec", "pca", "--set", "data.size=32", "-o", "small.nbtf"]) == 0
         shutil.copy("small.nbtf", "large.nbtf")
@@ -181,7 +188,7 @@ def before(words: list[str]) -> None:
 
 
 @pytest.fixture
-def scratch(tmp_path, monkeypatch, brief):
+def scratch(tmp_path, monkeypatch, brief_trade):
     """A folder with the files that examples name; nothing is written outside, and no browser is opened."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("NEUBTF_DATA", str(tmp_path))

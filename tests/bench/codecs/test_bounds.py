@@ -7,7 +7,7 @@ import torch
 
 from baselines.relief.geometry import Surface
 from bench.btf import Layout
-from bench.cli.console import file_lines
+from bench.cli.console import file_fields
 from bench.codec import Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
@@ -39,7 +39,7 @@ def test_no_field_of_a_scene_is_trusted(field, value, tmp_path):
 def test_a_scene_cannot_claim_a_picture_beyond_all_proportion(size, tmp_path):
     path, codec, parts = scene_file(tmp_path, size=size)
     with pytest.raises(ContainerError, match=r"a\.nbtf: a picture of .* is far too large for 12 numbers"):
-        file_lines(container.save(path, codec, parts))
+        file_fields(container.save(path, codec, parts))
 
 
 @pytest.mark.parametrize("name", NETWORKS)

@@ -1,8 +1,10 @@
 import argparse
+import json
 import re
 import shlex
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +12,10 @@ import pytest
 from bench import cli
 from bench.cli.commands.choose import parse_bytes
 from bench.codecs.container import read_header
-from bench.compare.choosing import TIE_DB, Limits, best_rung, choice_in_words, nearest, usable_rungs
+from bench.compare.choosing import TIE_DB, Limits, best_rung, choice_in_words, longest_ns, nearest, usable_rungs
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
-from bench.records import append, load_run
+from bench.records import append, load_run, load_trade
 
 
 def row(name, psnr, size, ns, **more):
@@ -102,11 +104,8 @@ def test_sizes_are_written_with_k_and_m():
         parse_bytes(argparse.Namespace(max_bytes="much"), "max_bytes")
 
 
-def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_path, monkeypatch, capsys, brief):
+def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_path, monkeypatch, capsys, brief_trade):
     """Measured data: the fit leaves the validation pairs out, and so does the command."""
-    monkeypatch.setattr("bench.runs.trade.BATCH", 256)
-    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
-    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
     monkeypatch.chdir(tmp_path)
     btf = tiny_btf(64, 6, 6)
     every = np.stack([btf[i] for i in range(len(btf))])
@@ -115,8 +114,10 @@ def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_p
     codecs = 'codecs = [{codec = "neubtf-direct", steps = 2}]'
     (tmp_path / "own.toml").write_text(f"materials = []\nseeds = [3]\n{data}\n{codecs}\n")
     words = ["choose", "cloth.npz", "--max-bytes", "1M", "--suite", "own.toml", "--out", "r", "-o", "copied.nbtf"]
+    words += ["--json", "choice.json"]
     assert cli.main(words) == 0
-    *_, time, file, wrote, command = capsys.readouterr().out.splitlines()
+    *_, time, file, wrote, command, said = capsys.readouterr().out.splitlines()
+    assert said == "wrote choice.json"
     assert wrote == "wrote copied.nbtf"
     assert cli.main(shlex.split(command)[1:]) == 0
     (stored,) = tmp_path.glob("r/files/*.nbtf")
@@ -126,16 +127,29 @@ def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_p
     assert cli.main(["export", "copied.nbtf", "-o", "shader"]) == 0
     (exported,) = re.findall(r"^([\d,]+) bytes of textures on a GPU", capsys.readouterr().out, re.M)
     assert time.endswith(f"on a GPU: {exported} bytes of textures, as `export` writes them")
-    few = ["--max-gpu-bytes", str(int(exported.replace(",", "")) - 1)]
+    chosen = json.loads(Path("choice.json").read_text())
+    rows = load_trade(Path("r"))["choices"]
+    variant = ("label", "execution", "precision")
+    (row,) = (row for row in rows if [row[name] for name in variant] == [chosen[name] for name in variant])
+    assert (Path(chosen["file"]).resolve(), chosen["bytes"]) == (stored, stored.stat().st_size)
+    assert chosen["sha256"] == read_header(stored).sha256
+    assert chosen["psnr"] == {"validation": row["validation"]["mean"], "test": row["psnr"]}
+    assert (chosen["ns_per_sample"], chosen["longest_ns"]) == (row["ns_per_sample"], longest_ns(row))
+    assert (chosen["codec"], chosen["settings"], chosen["label"]) == (row["codec"], row["settings"], row["label"])
+    assert (chosen["gpu_bytes"], chosen["missed"]) == (int(exported.replace(",", "")), [])
+    assert chosen["command"] == command
+    few = ["--max-gpu-bytes", str(chosen["gpu_bytes"] - 1)]
     assert cli.main([*words, *few]) == 1
+    near = json.loads(Path("choice.json").read_text())
+    assert near["missed"] == ["gpu"]
+    assert (near["label"], near["bytes"]) == (chosen["label"], chosen["bytes"])
     assert "no setting meets that" in capsys.readouterr().out
 
 
-def test_the_command_makes_the_file_that_was_measured_on_a_built_in_material(tmp_path, monkeypatch, capsys, brief):
+def test_the_command_makes_the_file_that_was_measured_on_a_built_in_material(
+    tmp_path, monkeypatch, capsys, brief_trade
+):
     """Two rungs of a codec that starts at random numbers, so that another seed makes another file."""
-    monkeypatch.setattr("bench.runs.trade.BATCH", 256)
-    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
-    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
     monkeypatch.chdir(tmp_path)
     data = "data = {size = 16, views = 6, lights = 6, heldout = 6, validation = true}"
     codecs = 'codecs = [{codec = "neubtf-direct", steps = 2, latents = [4, 8]}]'
