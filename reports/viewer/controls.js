@@ -1,6 +1,6 @@
 // The settings that a person changes: by lists and sliders, by dragging, by keys.
 
-const SLIDERS = ["wipe", "exposure", "tiling", "zoom"], LISTS = ["shape", "light", "drag"];
+const SLIDERS = ["wipe", "exposure", "tiling", "zoom"], LISTS = ["shape", "light", "drag", "show"];
 // What stands beside a slider.
 const UNITS = {
   wipe: (x) => `${Math.round(100 * x)} %`, exposure: (x) => `${x < 0 ? "−" : "+"}${Math.abs(x).toFixed(1)} stops`,
@@ -16,6 +16,7 @@ function controls(root, data, state, moved) {
     for (const name of SLIDERS) root.querySelector(`[data-of=${name}]`).textContent = UNITS[name](state[name]);
     root.style.setProperty("--wipe", state.wipe);
     root.classList.toggle("alone", data.models.length < 2);
+    root.classList.toggle("difference", state.show === "difference");
   }
   for (const side of ["left", "right"]) {
     const list = find(side);
@@ -25,7 +26,7 @@ function controls(root, data, state, moved) {
   }
   for (const name of LISTS) {
     find(name).value = state[name];
-    find(name).addEventListener("change", () => { state[name] = find(name).value; moved(); });
+    find(name).addEventListener("change", () => { state[name] = find(name).value; named(); moved(); });
   }
   for (const name of SLIDERS) {
     find(name).value = state[name];

@@ -51,9 +51,9 @@ void main() { gl_Position = vec4(4.0 * vec2(gl_VertexID & 1, gl_VertexID >> 1) -
 
 const DISPLAY = `${HEAD}uniform sampler2D radiance;
 uniform float exposure;
-void main() {
+void main() {  // a difference may be negative
   vec4 found = texelFetch(radiance, ivec2(gl_FragCoord.xy), 0);
-  vec3 x = clamp(found.rgb / max(found.a, 1e-3) * exposure, 0.0, 1.0);
+  vec3 x = clamp(abs(found.rgb) / max(found.a, 1e-3) * exposure, 0.0, 1.0);
   vec3 shown = mix(12.92 * x, 1.055 * pow(max(x, vec3(1e-6)), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, x));
   colour = vec4(shown * found.a, found.a);  // alpha is how much of the pixel the shape covers
 }`;

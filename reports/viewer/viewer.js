@@ -120,8 +120,8 @@ class Stage {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 
-  // The light of one model on a shape, between two columns of the picture.
-  light(model, shape, lights, values, from, to) {
+  // The light of one model on a shape, between two columns of the picture; added to what is there, or subtracted.
+  light(model, shape, lights, values, from, to, subtracted = false) {
     const { gl } = this, count = this.bind(shape);
     gl.enable(gl.SCISSOR_TEST);
     gl.scissor(from, 0, to - from, this.target.height);
@@ -134,6 +134,7 @@ class Stage {
     gl.colorMask(true, true, true, true);
     gl.depthFunc(gl.EQUAL);
     gl.enable(gl.BLEND);
+    gl.blendEquationSeparate(subtracted ? gl.FUNC_REVERSE_SUBTRACT : gl.FUNC_ADD, gl.FUNC_ADD);
     gl.blendFuncSeparate(gl.ONE, gl.ONE, gl.ONE, gl.ZERO);
     gl.useProgram(model.program);
     [model.exact, model.half].forEach((texture, unit) => {
@@ -211,11 +212,12 @@ function mountViewer(root, data) {
   const stage = new Stage(gl, data);
   const state = {
     left: 0, right: Math.min(1, data.models.length - 1), wipe: data.models.length > 1 ? 0.5 : 1,
-    shape: "sphere", light: "point", exposure: 0, tiling: 1, scale: 0.25, zoom: 1.3, drag: "view",
+    shape: "sphere", light: "point", show: "sides", exposure: 0, tiling: 1, scale: 0.25, zoom: 1.3, drag: "view",
     view: [0.45, 0.9], sun: [0.55, 1.9],
   };
 
   function sides(width) {
+    if (state.show === "difference") return [[state.left, 0, width], [state.right, 0, width]];
     const middle = Math.round(width * state.wipe);
     return [[state.left, 0, middle], [state.right, middle, width]].filter(([, from, to]) => to > from);
   }
@@ -235,8 +237,11 @@ function mountViewer(root, data) {
     const camera = cameraMatrix(eye, width / height, state.zoom);
     const values = { camera, eye, near: state.light === "point" ? 1 : 0, tiling: state.tiling };
     stage.start(width, height);
-    for (const { model, from, to } of parts) if (model.program) stage.light(model, state.shape, lights, values, from, to);
-    stage.show(parts.map((part) => ({ ...part, exposure: data.models[part.number].exposure * 2 ** state.exposure })));
+    const differs = state.show === "difference";
+    parts.forEach(({ model, from, to }, i) => {
+      if (model.program) stage.light(model, state.shape, lights, values, from, to, differs && i > 0);
+    });
+    stage.show((differs ? parts.slice(0, 1) : parts).map((part) => ({ ...part, exposure: data.models[part.number].exposure * 2 ** state.exposure })));
     stage.pixels(1, 1);  // waits
     const spent = performance.now() - started;
     said.textContent = error || speed(spent, width, height, lights.length);

@@ -2,7 +2,8 @@
 
 The file may come from `neubtf-bench encode`, from a run, or from elsewhere. A folder holds slices that any program
 decoded, one for each pair of the BTF, and `pairs.csv`, as `neubtf-bench decode` and `convert` write them. BTF is the
-encoded material, built-in or a path, with the same `--set data.KEY=VALUE`. A run records the same numbers.
+encoded material, built-in or a path, with the same `--set data.KEY=VALUE`. A run records the same numbers. All pairs
+are scored: `--set data.pairs=500` keeps about so many of a measurement, `data.heldout=20` draws fewer test pairs.
 
 examples:
   neubtf-bench score satin.nbtf satin

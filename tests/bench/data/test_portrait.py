@@ -1,3 +1,5 @@
+from itertools import combinations
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -8,6 +10,7 @@ from bench.cli.console import btf_fields, btf_lines
 from bench.conformance.check import tiny_btf
 from bench.data import portrait
 from bench.data.convert import write_btf
+from bench.data.portrait import _draw_directions as draw_directions
 from bench.data.portrait import draw, look
 from bench.data.readers import open_btf
 from bench.directions.hemisphere import from_angles, uniform
@@ -43,6 +46,16 @@ def test_a_users_settings_of_matplotlib_do_not_reach_a_portrait(btf, tmp_path, u
     with users_settings():
         draw(look(btf), tmp_path / "again.png")
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "plain.png").read_bytes()
+
+
+def test_no_two_numbers_of_a_polar_plot_overlap(btf, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(portrait, "_draw_directions", lambda *args: (drawn.append(args[0]), draw_directions(*args)))
+    draw(look(btf), tmp_path / "look.png")
+    for axes in drawn:
+        labels = [text for text in axes.get_yticklabels() + axes.get_xticklabels() if text.get_text()]
+        boxes = [text.get_window_extent() for text in labels]
+        assert not [pair for pair in combinations(boxes, 2) if pair[0].overlaps(pair[1])]
 
 
 def test_a_missing_cosine_is_suspected(btf):

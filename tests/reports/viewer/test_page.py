@@ -91,6 +91,13 @@ def test_pixels_are_what_the_material_answers(opened: Any, materials: dict[str, 
     assert all((np.abs(ours - other) <= 2).mean() < 0.99 for other in turned)
 
 
+def picture_of(tab: Any, shown: dict[str, Any]) -> np.ndarray:
+    """What the viewer draws with these settings, (H, W, 4) of 0 to 255."""
+    tab.evaluate(f"(Object.assign(viewer.state, {json.dumps(shown)}), viewer.draw())")
+    url = tab.evaluate("document.querySelector('canvas').toDataURL()")
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGBA"), float)
+
+
 @pytest.mark.timeout(300)
 def test_a_texture_that_is_not_square_is_not_squeezed(browser: Any, tmp_path: Path) -> None:
     codec = load_codec("mean-colour")()
@@ -101,10 +108,8 @@ def test_a_texture_that_is_not_square_is_not_squeezed(browser: Any, tmp_path: Pa
     tab.goto((tmp_path / "view.html").as_uri())
     shown = {"shape": "plane", "light": "sun", "view": [0.001, -np.pi / 2], "sun": [0.001, 0], "scale": 1, "zoom": 1}
     tab.wait_for_function("window.viewer !== undefined")
-    tab.evaluate(f"(Object.assign(viewer.state, {json.dumps(shown)}), viewer.draw())")
-    url = tab.evaluate("document.querySelector('canvas').toDataURL()")
+    pixels = picture_of(tab, shown)
     tab.close()
-    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGBA"), float)
     inside = pixels[..., 3] == 255
     plane = pixels[inside.any(1)][:, inside.any(0), :3]
     quarter = len(plane) // 4
@@ -176,6 +181,16 @@ def test_slices_take_a_third_less_and_move_by_less_than_half_a_step_of_a_display
     assert rounded[0] == 0
     assert np.abs(255 * (to_display(half, 1.0) - to_display(rounded, 1.0))).max() < 0.5
     assert not (rounded.view(np.uint16) % 8).any()
+
+
+def test_the_difference_of_a_model_to_itself_is_black_and_to_another_is_not(opened: Any) -> None:
+    drawn = {}
+    for right in (0, 1):
+        shown = {"left": 0, "right": right, "show": "difference", "exposure": 2, "shape": "plane", "scale": 0.3}
+        drawn[right] = picture_of(opened, shown)[..., :3]
+    opened.evaluate("Object.assign(viewer.state, {left: 0, right: 1, show: 'sides', exposure: 0, shape: 'sphere'})")
+    assert drawn[0].max() <= 2  # light is added up in half floats
+    assert drawn[1].max() > 10
 
 
 def test_dragging_turns_camera_or_light(opened: Any) -> None:
