@@ -42,6 +42,7 @@ COARSE_SHARE = 4  # one of this many samples is of a coarser level
 FIRST_BLUR = 8.0
 FADING = 3 * math.log(8)  # the exponent's rate, over the whole fit
 LAST_BLUR = 0.1  # least σ of the latents' blur
+FAR_SAMPLES = 4_096  # samples that tell how far the offset of a fit that ended moves look-ups
 OFFSET_BLUR = 1.0  # least σ of the offset texture's blur
 SHUT = 0.1  # share of the colour that a mask of 0 leaves
 HALF_OPEN = SHUT + 0.5  # the mask of an output of 0, whose sigmoid is 1/2
@@ -240,6 +241,22 @@ class NeuMIPObjective(Objective):
         if offset is not None and self.rounded_offset is not None:
             offset = self.rounded_offset(offset)
         return self.rounded_table(table), offset
+
+    @torch.no_grad()
+    def faults(self) -> list[str]:
+        """A sentence if the offset moves look-ups by more than the picture is wide: no parallax does."""
+        if self.offset is None:
+            return []
+        batch = self.samples.draw(FAR_SAMPLES, torch.Generator().manual_seed(0))
+        uv, wo, _, level = queries_of(self.levels, 0, batch)
+        _, offset = self.textures(1.0)
+        assert offset is not None
+        latents = self.pyramid.fetch(offset, uv, torch.zeros_like(level, dtype=torch.long))
+        moved = self.networks.move(uv, latents, wo, self.pyramid.reach)
+        farthest = float((moved - uv).abs().max())
+        if farthest <= 1:
+            return []
+        return [f"its offset moves look-ups by up to {farthest:.3g} pictures"]
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) of a batch, whose texels are those of the finest level."""

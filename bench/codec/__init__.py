@@ -178,6 +178,7 @@ class Fit:
     show: Progress = silent
     checkpoint: Path | None = None  # the file that a long fit saves its state to, and resumes from
     history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; stored in the record
+    faults: list[str] = field(default_factory=list)  # what is wrong with a fit that ended, in words; stored there, too
     density: Density | None = None  # the demand of the scene to fit to; None: uniform
     network: "TrainedNetwork | None" = None  # the network that the codec shares over materials, if any
     started: float = field(default_factory=processor_seconds)  # on the clock of processor time, in s

@@ -27,7 +27,7 @@ from bench.directions.hemisphere import thin, to_degrees
 from bench.files.atomic import replacing
 from bench.files.plots import default_settings
 from bench.inputs.errors import visible, writable
-from bench.metrics.display import exposure_of, to_display
+from bench.metrics.display import black_fault, exposure_of, to_display
 
 SCATTERED = 96  # pairs for the half vectors
 SMALL = 1 << 26  # values of a BTF of which all slices are read
@@ -179,6 +179,9 @@ class Look:
             by_other, by_given = f"{explained[frame]:.0%}", f"{explained['as given']:.0%}"
             fault = f"explain {by_other} of the brightness with {frame}, and {by_given} as given"
             warnings.append(f"half vectors {fault}: the azimuths of the views or of the lights seem to be mirrored")
+        dark = black_fault(self.values, exposure_of(self.values))
+        if dark:
+            warnings.append(dark)
         for (to_mean, to_largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
             # A picture may have lines inside that differ as much as those at the border: that is no seam.
             if to_mean >= SEAM and to_largest >= 1:

@@ -1,6 +1,7 @@
 """The exposure of a material, the display transform, and the log curve."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from bench.btf import BTF, Array
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709, as the primaries of every BTF here
 LOG_SCALE = 8.0  # of log1p(8 · exposure · x), the curve that learned codecs predict
 
+MOST_OF_BLACK = 20.0  # dB: a material on which an all-black answer scores more is badly exposed
 SAMPLE_VALUES = 1_000_000  # number of values that the exposure is computed from
 
 
@@ -38,6 +40,18 @@ def sample(btf: BTF, seed: int = 0) -> Array:
 def exposure(btf: BTF, seed: int = 0) -> float:
     """The exposure of a material: 0.8 over the 99th percentile of `sample`; see `exposure_of`."""
     return exposure_of(sample(btf, seed))
+
+
+def black_fault(pictures: Iterable[Array], exposure: float) -> str:
+    """A sentence where an all-black answer is better than `MOST_OF_BLACK` dB over slices, each of any shape; else "".
+
+    Then a few bright pairs own the exposure, all others are nearly black, and scores tell codecs hardly apart.
+    """
+    errors = [max(display_error(picture, np.zeros_like(picture), exposure), 1e-10) for picture in pictures]
+    black = float(np.mean([-10 * math.log10(error) for error in errors]))
+    if black <= MOST_OF_BLACK:
+        return ""
+    return f"black scores {black:.0f} dB at this exposure, {exposure:.3g}: a few bright pairs own it, others are dark"
 
 
 def encode_srgb(linear: Array) -> Array:

@@ -213,6 +213,7 @@ class Job(TypedDict, total=False):
     fit_cached: bool
     fitted: Annotated[dict[str, Text | None], RESULTS]
     history: Annotated[list[Point], RESULTS]
+    faults: Annotated[list[Text], RESULTS]  # what is wrong with the fit; absent where nothing is
     score_key: Annotated[
         ScoreKey,
         PUBLISHED | CLAIM | APART,
@@ -316,6 +317,7 @@ class Facts(TypedDict, total=False):
     sha256: Required[Text]
     fit_seconds: Required[NotNegative]
     history: Required[list[Point]]
+    faults: list[Text]  # what is wrong with a fit that ended, if anything is
     fitted: dict[str, Text | None]
 
 

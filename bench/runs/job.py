@@ -311,6 +311,7 @@ class Attempt:
             "sha256": header.sha256,
             "fit_seconds": seconds,
             "history": cast(list[Point], fit.history),
+            "faults": fit.faults,
             "fitted": revision_and_time(self.codec.name),
         }
 
@@ -322,6 +323,8 @@ def _facts_of_record(facts: Facts, cached: bool) -> Job:
     change from one fit to the next.
     """
     record: Job = {"fit_seconds": facts["fit_seconds"], "history": facts["history"], "fit_cached": cached}
+    if facts.get("faults"):
+        record["faults"] = facts["faults"]
     if "fitted" in facts:  # facts of older fits lack it
         record["fitted"] = facts["fitted"]
     return record

@@ -5,6 +5,7 @@ held-out pairs, which are reported. The exposure brings radiance into the range 
 the frames of a scene ask for each pair.
 """
 
+import logging
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,9 +30,11 @@ from bench.directions.hemisphere import to_degrees
 from bench.directions.interpolation import PairInterpolator
 from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names
+from bench.metrics.display import black_fault
 from bench.metrics.scoring import Scorer
 from bench.records import OUTSIDE, VALIDATION, deciding_group
 
+log = logging.getLogger(__name__)
 MOST_STORED = 16  # how many slices are stored as pictures, for the slice viewer of a report
 SHEET_ANGLES = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
 
@@ -216,5 +219,9 @@ def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
             btf = open_material(what.material, what.data, show, draw, load_path_tracer)
             if what.data.texels:
                 btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it
-            _latest[key] = Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)
+            opened = Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)
+            dark = black_fault((btf[pair] for pair in opened.shown), opened.exposure)
+            if dark:
+                log.warning("%s: %s", what.material.name, dark)
+            _latest[key] = opened
         yield _latest[key]

@@ -43,6 +43,9 @@ RESCUES = 3
 ROUNDED_FROM = 0.5  # share of the steps after which textures are rounded as in the file
 ROUNDING_SAMPLES = 4_096  # samples that measure the error of rounding a channel
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
+# A curve of at least so many points that gains less than `STILL` dB from its first one, and is below `GOOD` dB, is of a
+# fit on a plateau.
+LEAST_POINTS, STILL, GOOD = 5, 0.5, 30.0
 FARTHEST = 1e12  # a parameter beyond it, or not finite, is of a diverged fit, whose answers may still be finite
 AWAY = 10.0  # root mean square error of log radiance of a diverged fit: a factor of 22,000
 
@@ -114,6 +117,10 @@ class Objective(nn.Module):
             return distance(ours, target, self.settings.loss)
         return self.display_loss(ours, target, direction, distance(ours, target, "both"), progress)
 
+    def faults(self) -> list[str]:
+        """What is wrong with a fit whose loss is finite, in words; by default nothing is looked for."""
+        return []
+
     def restored(self) -> None:
         """Read again what steps keep on the host, once the tensors came from a state."""
         for module in self.modules():
@@ -161,6 +168,9 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
         next_state = (loop.step // KEEP_EVERY + 1) * KEEP_EVERY
         loop.advance(min(steps, next_state))
     objective.round_textures(fit, loop.step / steps)  # for a fit that ended before
+    for fault in [*objective.faults(), *loop.faults()]:
+        log.warning("the fit may be stuck: %s: try another seed or a lower learning rate", fault)
+        fit.faults.append(fault)
     if loop.step < steps:
         log.info("ended at step %d of %d: the curve is flat", loop.step, steps)
         fit.history[-1]["ended"] = 1.0
@@ -252,6 +262,16 @@ class _Loop:
         """Move the progress bar, and remember when."""
         self.fit.show(self.label, self.step, self.steps)
         self.shown = time.perf_counter()
+
+    def faults(self) -> list[str]:
+        """A sentence if the curve stood still from its first point on, far from what a fit should reach; else none."""
+        if len(self.curve) < LEAST_POINTS:
+            return []
+        _, _, first = self.curve[0]
+        best = max(psnr for _, _, psnr in self.curve)
+        if best >= first + STILL or best >= GOOD:
+            return []
+        return [f"its quality stands still at {best:.1f} dB from the first point of its curve on"]
 
     def flat(self, patience: int) -> bool:
         """Whether the best PSNR of the curve gained less than `GAIN` dB in the last `patience` steps."""

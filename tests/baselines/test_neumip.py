@@ -137,6 +137,17 @@ def test_a_fit_by_the_papers_recipe_starts_its_weights_so() -> None:
     assert last["pytorch"].all()
 
 
+def test_an_offset_that_leaves_the_picture_is_told() -> None:
+    samples = Samples(tiny_btf(), 1.0, Fit())
+    objective = NeuMIPObjective([samples], NeuMIP().settings, torch.Generator().manual_seed(0))
+    assert objective.networks.offset is not None
+    assert objective.faults() == []
+    with torch.no_grad():
+        objective.networks.offset.layers[-1].bias.fill_(1e4)
+    (fault,) = objective.faults()
+    assert "pictures" in fault
+
+
 def test_a_setting_that_a_recipe_changes_is_written_at_its_default_too() -> None:
     assert "weights_start" not in settings_dict(NeuMIP())  # files from before it existed stay the same
     assert settings_dict(NeuMIP(recipe="paper"))["weights_start"] == "pytorch"

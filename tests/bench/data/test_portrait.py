@@ -66,6 +66,19 @@ def test_a_missing_cosine_is_suspected(btf):
     assert look(like(btf, matt * btf.wi[:, 2, None, None, None])).power == pytest.approx(1, abs=0.1)
 
 
+def test_a_few_mirrors_that_make_all_else_black_are_warned_of(btf, tmp_path, caplog):
+    values = np.stack(list(btf))
+    assert not any("black scores" in warning for warning in look(btf).warnings())
+    mirrors = values.copy()
+    mirrors[::20] *= 1e4
+    owned = like(btf, mirrors)
+    assert any("black scores" in warning for warning in look(owned).warnings())
+    write_btf(owned, tmp_path / "owned.npz")
+    words = ["run", "quick", "--material", str(tmp_path / "owned.npz"), "--codec", "mean-colour"]
+    assert cli.main([*words, "--out", str(tmp_path / "run")]) == 0
+    assert [record.name for record in caplog.records if "black scores" in record.message] == ["bench.runs.workbench"]
+
+
 @pytest.mark.parametrize("gloss", [0, 2])
 def test_swapped_views_and_lights_are_told_from_a_missing_cosine(btf, gloss):
     cos_o, cos_i = (side[:, 2, None, None, None] for side in (btf.wo, btf.wi))

@@ -156,6 +156,15 @@ def test_a_patient_fit_ends_where_its_curve_is_flat_and_says_so(btf: BTF, monkey
     assert train(objective(btf, lr=1e-3), Fit(), 400, patience=100) == 1  # it still gains
 
 
+def test_a_fit_that_stands_still_says_so(btf: BTF, caplog: pytest.LogCaptureFixture) -> None:
+    for rate, stands_still in ((0.0, True), (0.01, False)):
+        caplog.clear()
+        fit = Fit()
+        train(objective(btf, lr=rate), fit, 600)
+        assert bool(fit.faults) == stands_still
+        assert ("stands still" in caplog.text) == stands_still
+
+
 def test_the_rate_warms_up_and_ends_at_nothing() -> None:
     rates = [training.rate(step, 1000) for step in range(1000)]
     assert rates[0] < 0.011
