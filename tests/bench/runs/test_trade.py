@@ -446,7 +446,7 @@ def test_choose_measures_what_is_missing(measured, tmp_path, monkeypatch, capsys
     best = max(rung.score for rung in usable_rungs(result["choices"], "tiny"))
     for wish, code, measures in ((1.0, 0, False), (best - 0.01, 0, True), (99.0, 1, False)):  # at last all was tried
         assert choosing(monkeypatch, tmp_path, min_psnr=wish) == code
-        assert ("2 of 3 settings of test are not in" in capsys.readouterr().out) == measures
+        assert ("2 of 3 settings of test are not measured in" in capsys.readouterr().out) == measures
 
 
 def test_the_timing_that_follows_is_told_before_and_during_the_fits(tmp_path, monkeypatch):
@@ -484,7 +484,7 @@ def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(mea
     assert options.workers() == (3, 1, "cpu", None)
     options.say("1 job: 1 left")
     said = capsys.readouterr().out
-    assert "1 of 1 settings of test are not in" in said
+    assert "1 of 1 settings of test are not measured in" in said
     assert "1 job: 1 left" in said
 
 
