@@ -6,6 +6,7 @@ vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map. Where no p
 in `T_Rock_N`.
 """
 
+import filecmp
 import os
 import re
 from collections.abc import Callable
@@ -152,7 +153,11 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
     if "albedo" not in by_name | by_user:
         raise InputError(f"{folder}: {no_albedo_fault(folder)}")
     for role, several in by_name.items():
-        if len(several) > 1:
+        first, *others = several
+        if others and all(filecmp.cmp(folder / first, folder / other, shallow=False) for other in others):
+            by_name[role] = [first]
+            unused |= dict.fromkeys(others, f"the same file as {first}")
+        elif others:
             remedy = f"keep one in the folder, or give bake --map {role}=FILE"
             raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: {remedy}")
     files = {role: several[0] for role, several in by_name.items()} | by_user

@@ -275,7 +275,7 @@ def test_a_second_packed_map_is_left_out_for_the_first(tmp_path):
 @pytest.mark.parametrize("metal", ["a_metallic", "a_ORM"])
 def test_a_base_colour_goes_before_a_diffuse_one_where_there_is_metalness(tmp_path, metal):
     for name in ("a_baseColor", "a_diffuse", "a_rough"):
-        (tmp_path / f"{name}.png").touch()
+        (tmp_path / f"{name}.png").write_text(name)
     with pytest.raises(InputError, match=r"a_baseColor\.png and a_diffuse\.png"):
         recognise(tmp_path)
     (tmp_path / f"{metal}.png").touch()
@@ -290,7 +290,9 @@ def test_a_second_map_that_cannot_be_read_does_not_stand_in_the_way(tmp_path):
     maps = recognise(folder)
     assert maps.files["displacement"] == "a_height.png"
     assert "a_displacement.tif" in maps.unused
-    (folder / "a_disp.png").write_bytes((folder / "a_height.png").read_bytes())
+    (folder / "a_disp.png").write_bytes((folder / "a_height.png").read_bytes())  # the same file under another name
+    assert recognise(folder).files["displacement"] == "a_disp.png"
+    Image.fromarray(np.zeros((16, 16), np.uint8)).save(folder / "a_disp.png")
     with pytest.raises(InputError, match=r"a_disp\.png and a_height\.png"):
         recognise(folder)
 
@@ -307,7 +309,7 @@ def test_folders_that_cannot_be_baked_are_explained(tmp_path):
     with pytest.raises(InputError, match=r"no albedo .*x_normal\.png"):
         recognise(tmp_path)
     for name in ("x_col_1.png", "x_col_2.png"):
-        (tmp_path / name).touch()
+        (tmp_path / name).write_text(name)
     with pytest.raises(InputError, match=r"x_col_1\.png and x_col_2\.png"):
         recognise(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
