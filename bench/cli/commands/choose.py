@@ -2,13 +2,15 @@
 
 If no measured setting meets the wish, and some settings of the suite are not measured yet, the command first fits and
 measures these. It says how many, and about how long it takes once one fit of each codec is done. Validation pairs
-decide, test pairs are only shown. If none meets the wishes, it says which of them the nearest one misses. `--json`
-writes the chosen setting, or the nearest one, and which of `size`, `time`, `score` and `gpu` it has `missed`.
+decide, test pairs are only shown; with --demand the frames of a scene decide, whose truth is interpolated between
+training pairs. If none meets the wishes, it says which of them the nearest one misses. `--json` writes the chosen
+setting, or the nearest one, and which of `size`, `time`, `score` and `gpu` it has `missed`.
 
 examples:
   neubtf-bench choose satin --min-psnr 30
   neubtf-bench choose satin --max-bytes 300k --max-ns 500 -o satin.nbtf
   neubtf-bench choose satin --max-bytes 300k --json choice.json
+  neubtf-bench choose satin --max-bytes 300k --demand table-top.npz
   neubtf-bench choose satin --min-psnr 30 --codec neumip --codec pca --steps 300 --jobs 0
 """
 
@@ -35,10 +37,11 @@ from bench.compare.choosing import (
     usable_rungs,
 )
 from bench.data.kinds import kind_of
+from bench.demand.demand import load as load_demand
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
 from bench.program.recording import program_of
-from bench.records import FILE, TradeChoice, load_run, load_trade
+from bench.records import FILE, MOST_DB, PSNR, TradeChoice, load_run, load_trade
 from bench.runs.runner import Options
 from bench.runs.suite import Suite, canonical, load_suite, with_changes
 from bench.runs.trade import run_and_measure
@@ -61,6 +64,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--max-ns", type=float, metavar="NS", help=f"{time}(GPU time with --device cuda)")
     gpu = "the largest size of the textures on a GPU, as `export` writes them; what it cannot export does not count"
     add("--max-gpu-bytes", metavar="BYTES", help=gpu)
+    scene = "choose by the PSNR of the frames of a scene, an .npz of `demand`; --min-psnr is then theirs"
+    add("--demand", type=Path, metavar="FILE", help=scene)
     several(parser, "--codec", "fit and choose only this codec; repeatable")
     add("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
     jobs = "how many fits at once, each in its own process (and on its own GPU); "
@@ -110,12 +115,13 @@ def run(options: argparse.Namespace) -> int:
         nearest_rung = nearest(rungs, wishes)
         nearest_row = nearest_rung.of
         time = f" (up to {longest_ns(nearest_row):,.0f}, 95 % interval)" if wishes.time else ""
-        say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(nearest_row)}{time}")
+        frames = _frames_in_words(nearest_rung, options)
+        say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(nearest_row)}{frames}{time}")
         say_line(f"it misses {' and '.join(OPTION_OF[field] for field in wishes.missed(nearest_rung))}")
         _say_other(folder, options, wishes)
         write_json(_fields(folder, nearest_row) | {"missed": wishes.missed(nearest_rung)})
         return NO
-    say_line(f"{material}: {choice_in_words(best.of)}")
+    say_line(f"{material}: {choice_in_words(best.of)}{_frames_in_words(best, options)}")
     fields = _fields(folder, best.of)
     _say_cost(best.of, fields["gpu_bytes"])
     _offer(folder, best.of, options.copy)
@@ -124,6 +130,11 @@ def run(options: argparse.Namespace) -> int:
         say_line(command)
     write_json(fields | {"missed": [], "command": command or None})
     return FINE
+
+
+def _frames_in_words(rung: "Rung", options: argparse.Namespace) -> str:
+    """The PSNR of a scene's frames, which chose, to follow the figures of a setting; "" without a scene."""
+    return f", {rung.score:.2f} dB in the frames of {options.demand}" if options.demand else ""
 
 
 def _fields(folder: Path, row: "TradeChoice") -> dict[str, Any]:
@@ -238,6 +249,8 @@ def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
 def _suite(options: argparse.Namespace) -> "Suite":
     """The suite that the options name, for one material."""
     suite = with_changes(load_suite(options.suite), [options.material], options.codec, changes={})
+    if options.demand:
+        suite = replace(suite, demand=str(options.demand))
     if options.steps is None:
         return suite
     try:
@@ -262,11 +275,27 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
     # A setting that failed is not tried again.
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
     rungs = usable_rungs(rows, material)
+    if options.demand:
+        rungs = _by_frames(folder, rungs, load_demand(options.demand).fingerprint)
+        tried &= {row["label"] for row in rows if "error" in row} | {rung.of["label"] for rung in rungs}
     if options.max_gpu_bytes:
         jobs = {rung.of.get("job", "") for rung in rungs}
         gpu_bytes_of = {job: _gpu_bytes(folder, job) for job in jobs}
         rungs = [replace(rung, gpu=gpu_bytes_of[rung.of.get("job", "")]) for rung in rungs]
     return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
+
+
+def _by_frames(folder: Path, rungs: list["Rung"], demand: str) -> list["Rung"]:
+    """The rungs whose jobs were scored in a scene, by the fingerprint of its demand; their score is the PSNR of its
+    frames."""
+    found: list[Rung] = []
+    run = load_run(folder) if rungs else None
+    for rung in rungs:
+        job = run.job(rung.of.get("job", "")) if run else None
+        if job and job["score_key"].get("demand") == demand:
+            psnr = job["scene"]["metrics"].get(PSNR)
+            found.append(replace(rung, score=MOST_DB if psnr is None else psnr))  # None: there is no error
+    return found
 
 
 def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing: list[str]) -> None:

@@ -16,6 +16,7 @@ from bench.compare.choosing import TIE_DB, Limits, best_rung, choice_in_words, l
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.records import append, load_run, load_trade
+from tests.bench.demand.scenes import SUN, camera, demand_of, surface
 
 
 def row(name, psnr, size, ns, **more):
@@ -214,6 +215,14 @@ def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys)
     command = said.splitlines()[-1]
     assert command.startswith("neubtf-bench encode satin --codec neubtf-direct ")
     assert " --set steps=20 " in command
+    demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
+    in_scene = [*words, "--codec", "neubtf-direct", "--steps", "20", "--demand", str(tmp_path / "scene.npz")]
+    assert cli.main(in_scene) == 0
+    said = capsys.readouterr().out
+    assert "0 to fit and score" in said  # the same files are scored again
+    frames = {job["label"]: job["scene"]["metrics"]["psnr_display"] for job in load_run(tmp_path / "r").jobs}
+    best = max(frames, key=lambda label: frames[label])
+    assert re.search(rf"^satin: {best}[: \[].*{frames[best]:.2f} dB in the frames of", said, re.M)
     few = ["choose", "satin", "--max-bytes", "10", *own, "--codec", "neubtf-direct", "--steps", "20"]
     assert cli.main(few) == 1
     assert "it misses --max-bytes\n" in capsys.readouterr().out
