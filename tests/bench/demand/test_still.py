@@ -151,7 +151,7 @@ def test_the_psnr_in_a_frame_is_that_of_the_pixels_which_show_the_surface_alone(
         (["--scene", "room.xml"], "BSDF"),
         (["--bsdf", "cloth"], "--bsdf"),
         (["-o", "a.jpg"], "a.jpg"),
-        (["-o", "checks.nbtf/a.png"], "checks.nbtf/a.png"),
+        (["-o", "checks.nbtf/a.png"], "checks.nbtf: "),
         (["--frame", "3"], "--frame 3"),
         (["--tiling", "nan"], "--tiling nan"),
         (["--width", "0"], "--width 0"),
