@@ -22,7 +22,6 @@ from typing import NamedTuple
 from bench.compare.choosing import NEAR_DB, Rung
 from bench.compare.choosing.budgets import (
     BYTES,
-    CAP_DB,
     EAGER,
     ENOUGH,
     FIT,
@@ -49,7 +48,7 @@ from bench.compare.paired import AGAINST, FEWEST
 from bench.compare.quantities import average
 from bench.records import FLIP, MOST_DB, PSNR, SSIM, Job, Machine, Run, by_kind, shown_label
 from reports.notes import beside
-from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
+from reports.numbers import NONE, fixed, integer, signed, significant
 from reports.table import Table, best_cells
 
 _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}  # decimals in cells, by metric
@@ -59,12 +58,12 @@ _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]  # headers: name and uni
 _READ = (
     f"At a size: read off the curve of the rungs that validation pairs choose, test pairs (docs/metrics.md, “Curves”). "
     f"{NONE}: a curve does not reach that size on each surface. ≥: fewer than three rungs, the best within that size. "
-    f"A surface counts at most {CAP_DB} dB, an error of one step of an 8-bit display."
+    f"A slice counts at most {MOST_DB} dB, an error of one step of an 8-bit display."
 )
 _WITHIN = (
     "Within a size: read off the curve of the rungs that validation pairs choose, at its end if it ends before; "
     "without a curve, and within a time, of the rung that they choose. A codec without a rung as small or as fast on "
-    f"each surface is left out. Numbers are of test pairs; a surface counts at most {CAP_DB} dB."
+    f"each surface is left out. Numbers are of test pairs; a slice counts at most {MOST_DB} dB."
 )
 _CHOICE = "A codec's rung is chosen by validation pairs, its numbers are of test pairs (docs/metrics.md, “Budgets”)."
 
@@ -475,12 +474,7 @@ TABLES = {
 
 
 def _number(value: float | None, family: str = PSNR, digits: int | None = None) -> str:
-    """A value as a cell: “exact” from `MOST_DB` on, a dash for None; by default with the usual digits of its metric.
-
-    `MOST_DB` is what a slice without any error counts as; no other metric has values as large.
-    """
-    if value is not None and value >= MOST_DB:
-        return EXACT
+    """A value as a cell, a dash for None; by default with the usual digits of its metric."""
     if digits is None:
         digits = _DIGITS[family]
     return fixed(value, digits)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
 
-from bench.compare.choosing.budgets import CAP_DB, Budgets, budgets
+from bench.compare.choosing.budgets import Budgets, budgets
 from bench.compare.choosing.curves import (
     FEWEST,
     LEAST_RUNGS,
@@ -29,7 +29,7 @@ from bench.compare.choosing.curves import (
 from bench.compare.paired import AGAINST
 from bench.compare.quantities import average
 from bench.metrics import direction_of
-from bench.records import FLIP, PSNR, SSIM, Run, by_kind
+from bench.records import FLIP, MOST_DB, PSNR, SSIM, Run, by_kind
 from reports.numbers import NONE, fixed, signed
 from reports.table import Table, best_cells
 
@@ -211,7 +211,7 @@ def _notes(result: Budgets) -> list[str]:
     example.
     """
     reach = f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
-    cap = f"A surface counts at most {CAP_DB} dB, an error of one step of an 8-bit display."
+    cap = f"A slice counts at most {MOST_DB} dB, an error of one step of an 8-bit display."
     notes = [f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {cap}"]
     if result.unlike:
         notes.append(f"Left out: {len(result.unlike)} jobs that are not comparable.")

@@ -8,7 +8,7 @@ from bench.compare.choosing.budgets import ENOUGH, budgets
 from bench.compare.choosing.curves import hulls, readings
 from bench.compare.paired import AGAINST
 from bench.compare.ranks import SAME_DB
-from bench.records import MOST_DB, Run, by_kind
+from bench.records import Run, by_kind
 from reports.budgets import in_words
 from reports.ranking import ranked
 
@@ -55,6 +55,4 @@ def _as_measured(run: Run) -> str:
     lead = best.psnr - second.psnr
     if lead <= SAME_DB:
         return f"{best.label} and {second.label} are level in mean PSNR, and no other codec is better."
-    if best.psnr >= MOST_DB:  # what a slice without any error counts as: here all slices have none
-        return f"{best.label} answers without any error; {second.label} is next, at {second.psnr:.1f} dB of mean PSNR."
     return f"{best.label} leads: {best.psnr:.1f} dB of mean PSNR, {lead:.1f} dB before {second.label}."

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.metrics import label_of
-from bench.records import PSNR, Machine, Run, RunStart, deciding_group, grouped, shown_columns, shown_label
+from bench.records import MOST_DB, PSNR, Machine, Run, RunStart, deciding_group, grouped, shown_columns, shown_label
 from reports.numbers import significant
 from reports.rows import MaterialRows, Row, materials
 from reports.table import Note, Part
@@ -96,7 +96,7 @@ def common_notes(material: MaterialRows) -> list[str]:
         exact = stats.get("exact")  # the number of slices without error
         if exact:
             counted = f"{exact:,} of {stats['slices']:,} slices"
-            text = f"{row.name}: {counted} have no error in display space; they count as 100 dB."
+            text = f"{row.name}: {counted} have no error in display space; they count as {MOST_DB} dB."
             exact_notes.append(Note(about_quality(text)))
     return [*exact_notes, *_not_comparable(material)]
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
 
-from bench.records import MOST_DB, Run
+from bench.records import Run
 from reports import columns
 from reports.columns import Column
 from reports.notes import (
@@ -101,8 +101,6 @@ def _standing_cells(
 
     if not has_rank:
         psnr = NONE
-    elif standing.psnr >= MOST_DB:  # what a slice without any error counts as: here all slices have none
-        psnr = EXACT
     else:
         psnr = fixed(standing.psnr, 2)
     # In the order of the headers of `summary_table`: each cell with its score.

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from bench.compare.choosing import answers, name_of_choice
-from bench.records import MOST_DB, Ceiling, Profile, TradeChoice, grouped, load_trade
+from bench.records import Ceiling, Profile, TradeChoice, grouped, load_trade
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
 from reports.text import fields_csv
@@ -123,7 +123,7 @@ def _choice_cells(row: TradeChoice) -> list[str]:
 def _quality_cells(row: TradeChoice) -> list[str]:
     """PSNR, worst slice, FLIP and bytes of a choice that was scored."""
     psnr = row["psnr"]
-    mean = EXACT if psnr is not None and psnr >= MOST_DB else fixed(psnr, 2)  # an exact slice counts as `MOST_DB`
+    mean = fixed(psnr, 2)
     worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
     return [mean, worst, fixed(row["flip"], 3), integer(row["bytes"])]
 

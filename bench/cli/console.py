@@ -227,6 +227,7 @@ def btf_fields(portrait: "Look") -> dict[str, Any]:
         "heldout": {name: _pairs_fields(btf, pairs) for name, pairs in split.heldout.items()},
         "slices_read": portrait.read,
         "values": {"minimum": float(low), "median": float(np.median(portrait.values)), "maximum": float(high)},
+        "exposed": portrait.exposed._asdict(),
         "views": len(portrait.layout.views),
         "half_vectors": asdict(portrait.half_vectors) if portrait.half_vectors else None,
         "lobe": asdict(portrait.lobe) if portrait.lobe else None,
@@ -253,6 +254,9 @@ def btf_lines(btf: dict[str, Any]) -> str:
         of_which = f"of {btf['slices_read']:,} of {btf['pairs']:,} slices; others may hold more, or NaN"
     values = ", ".join(f"{name} {value:.4g}" for name, value in btf["values"].items())
     lines.append(f"values ({of_which}): {values}")
+    exposed = btf["exposed"]
+    shown = f"the median slice has a mean display code of {exposed['code']:.0f} of 255"
+    lines.append(f"exposure: {exposed['exposure']:.4g}; {shown}, and black scores {exposed['black']:.1f} dB")
     lines += _frame_lines(btf)
     lines.append(f"fingerprint: {btf['fingerprint']}")
     for key, value in btf["provenance"].items():

@@ -27,7 +27,7 @@ from bench.directions.hemisphere import thin, to_degrees
 from bench.files.atomic import replacing
 from bench.files.plots import default_settings
 from bench.inputs.errors import visible, writable
-from bench.metrics.display import black_fault, exposure_of, to_display
+from bench.metrics.display import Exposed, exposed, exposure, exposure_of, to_display
 
 SCATTERED = 96  # pairs for the half vectors
 SMALL = 1 << 26  # values of a BTF of which all slices are read
@@ -83,6 +83,7 @@ class Look:
     half_vectors: HalfVectors | None  # checks them instead of the lobe
     extremes: tuple[float, float]  # the least and the largest value of all slices that were read
     read: int  # how many slices these are
+    exposed: Exposed  # the exposure of the training pairs and what it makes of the test pairs; of read slices if large
 
     @cached_property
     def layout(self) -> Layout:
@@ -179,9 +180,8 @@ class Look:
             by_other, by_given = f"{explained[frame]:.0%}", f"{explained['as given']:.0%}"
             fault = f"explain {by_other} of the brightness with {frame}, and {by_given} as given"
             warnings.append(f"half vectors {fault}: the azimuths of the views or of the lights seem to be mirrored")
-        dark = black_fault(self.values, exposure_of(self.values))
-        if dark:
-            warnings.append(dark)
+        if self.exposed.fault:
+            warnings.append(self.exposed.fault)
         for (to_mean, to_largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
             # A picture may have lines inside that differ as much as those at the border: that is no seam.
             if to_mean >= SEAM and to_largest >= 1:
@@ -235,12 +235,16 @@ def look(btf: BTF) -> Look:
         halves = half_vectors(wo, wi, np.array([means[pair] for pair in scattered]))
         if power is None and power_o is None:
             power, power_o = _powers(wo[:, 2], wi[:, 2], np.array([medians[pair] for pair in scattered]))
+    found = exposed(values, exposure_of(np.stack(values)))
     if texel_count * 3 * len(btf) <= SMALL:
         for pair in range(len(btf)):
             if pair not in medians:
                 picture = btf[pair]
                 lows.append(float(picture.min()))
                 highs.append(float(picture.max()))
+        split = btf.split()
+        test = np.concatenate([*split.heldout.values()]) if split.heldout else np.arange(len(btf))
+        found = exposed((btf[int(pair)] for pair in test), exposure(btf.subset(split.train)))
     seam_ratios = []
     # The means over slices, for both borders; 1e-12 avoids a division by 0 in flat pictures.
     for across, inside, largest in np.mean(seams, 0):
@@ -258,6 +262,7 @@ def look(btf: BTF) -> Look:
         halves,
         (min(lows), max(highs)),
         len(lows),
+        found,
     )
 
 
@@ -442,10 +447,10 @@ def draw(seen: Look, out: Path) -> None:
     _draw_directions(top.add_subplot(1, 3, 1, projection="polar"), seen, "views", seen.btf.wo)
     _draw_directions(top.add_subplot(1, 3, 2, projection="polar"), seen, "lights", seen.btf.wi)
     _draw_values(top.add_subplot(1, 3, 3), seen.values)
-    exposure = exposure_of(seen.values)  # one factor for all pictures
+    factor = seen.exposed.exposure  # one for all pictures
     for place, (pair, thumb) in enumerate(zip(seen.sheet, seen.thumbs, strict=True)):
         axes = bottom.add_subplot(rows, columns, place + 1)
-        axes.imshow(to_display(thumb, exposure))
+        axes.imshow(to_display(thumb, factor))
         directions = np.stack([seen.btf.wo[pair], seen.btf.wi[pair]])
         (theta_o, theta_i), (phi_o, phi_i) = to_degrees(directions)
         axes.set_title(f"o {theta_o:.0f}°, {phi_o:.0f}°   i {theta_i:.0f}°, {phi_i:.0f}°", fontsize=7)

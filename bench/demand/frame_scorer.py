@@ -122,7 +122,7 @@ class FrameScorer:
     @cached_property
     def exposure(self) -> float:
         """The exposure of the frames, from the pixels that show the material."""
-        return exposure_of(self.truth[self.seen])
+        return exposure_of(self.truth[self.seen][None])
 
     @cached_property
     def shares(self) -> Array:

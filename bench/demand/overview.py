@@ -99,7 +99,7 @@ def draw(demand: Demand, path: Path) -> None:
     grid = figure.subplot_mosaic([["frame", "frame", "wo", "wi"], ["frame", "frame", "uv", "footprint"]])
     diffuse = demand.wi[:, 2:] * ALBEDO / np.pi  # (n, 1): a diffuser's f_r is albedo / π, times the cosine
     picture = demand.pictures(np.repeat(diffuse, 3, 1))[0]
-    grid["frame"].imshow(to_display(picture, exposure_of(picture)))
+    grid["frame"].imshow(to_display(picture, exposure_of(picture[None])))
     grid["frame"].set_title(f"{demand.provenance.get('scene', '')}: the first frame, on a white diffuser")
     grid["frame"].axis("off")
     for name, title in (("wo", "views"), ("wi", "lights")):

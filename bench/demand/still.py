@@ -114,7 +114,7 @@ def render(
 def exposure_for(picture: Array) -> float:
     """The exposure of a picture (H, W, 4), from only the pixels that show nothing but the surface."""
     covered = picture[..., 3] > 0.999  # an alpha of 1, up to rounding
-    return exposure_of(picture[covered][:, :3])
+    return exposure_of(picture[covered][None, :, :3])
 
 
 def write(path: Path, picture: Array, exposure: float, captions: Sequence[str] = ()) -> None:

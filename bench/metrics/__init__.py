@@ -32,7 +32,7 @@ def _flip(kind: str, space: str, target: str, label: str, default: bool = False)
 
 def _psnr(space: str, target: str, label: str) -> Metric:
     """The description of a PSNR in one space."""
-    return Metric(f"psnr_{space}", "dB", "higher", space, 2, target, label, default=True, decibels=True)
+    return Metric(f"psnr_{space}", "dB", "higher", space, 3, target, label, default=True, decibels=True)
 
 
 # Name, unit, which end is better, space, version, class, label: the fields of `Metric`, in their order. A name may hold

@@ -3,8 +3,9 @@
     PSNR = 10 · log10(peak² / MSE)   in dB; higher is better; ∞ if the slices are equal
 
 MSE is the mean over texels and channels. The raw number of a slice is its MSE, so the pooled PSNR, that of the
-squared error of all slices together, is exact. A slice counts as at most 100 dB, so that exact and black slices do not
-decide a mean over slices. Source: Gonzalez & Woods, Digital Image Processing.
+squared error of all slices together, is exact. A slice counts as at most 48.13 dB, an error of one step of an 8-bit
+display, so that exact and black slices do not decide a mean over slices. Source: Gonzalez & Woods, Digital Image
+Processing.
 """
 
 import math

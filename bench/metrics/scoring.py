@@ -104,7 +104,7 @@ class Scorer:
         # metric.
         if exposure is None or any(metric.per_material for metric in self.metrics.values()):
             values = sample(btf if sampled is None else sampled)
-            self.metrics = {name: metric.for_material(values) for name, metric in self.metrics.items()}
+            self.metrics = {name: metric.for_material(values.reshape(-1, 3)) for name, metric in self.metrics.items()}
             if exposure is None:
                 exposure = exposure_of(values)
         self.exposure = exposure

@@ -17,22 +17,23 @@ from bench.metrics.display import exposure, exposure_of
 from bench.program import Program
 from bench.program.recording import program_of
 
-QUERIES = 65_536  # random ones, whose answers give the exposure of a material without a BTF
+PAIRS, POINTS = 256, 256  # random pairs and points of each, whose answers give the exposure of a material without a BTF
 SPARSE = 9  # the most views, and the most lights, of a truth that a page shows live
 SPARSE_FLOATS = 1_000_000  # the most floats of such a truth
 BAKED = 13  # views, and lights, of a material that cannot be a program: 5.5 MB at 64² texels
 
 
 def drawable(material: Material) -> tuple[Program, float]:
-    """A material's program, and the exposure that its picture needs: that of random queries up to 75°. `InputError` if
+    """A material's program, and the exposure that its picture needs: that of random pairs up to 75°. `InputError` if
     the material cannot be recorded as a program."""
     program = program_of(material)
-    # There is no BTF to take the exposure of, so `QUERIES` random answers stand for it.
+    # There is no BTF to take the exposure of, so random answers stand for it.
     rng = np.random.default_rng(0)
-    uv = torch.from_numpy(rng.random((QUERIES, 2), np.float32))
-    wo = torch.from_numpy(uniform(rng, QUERIES).astype(np.float32))
-    wi = torch.from_numpy(uniform(rng, QUERIES).astype(np.float32))
-    return program, exposure_of(material.query(uv, wo, wi).numpy())
+    uv = torch.from_numpy(rng.random((PAIRS * POINTS, 2), np.float32))
+    wo = torch.from_numpy(uniform(rng, PAIRS).astype(np.float32)).repeat_interleave(POINTS, 0)
+    wi = torch.from_numpy(uniform(rng, PAIRS).astype(np.float32)).repeat_interleave(POINTS, 0)
+    answers = material.query(uv, wo, wi).numpy()
+    return program, exposure_of(answers.reshape(PAIRS, POINTS, 3))
 
 
 def baked(material: Material, name: str, show: Progress = silent) -> BTF:

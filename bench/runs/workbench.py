@@ -30,7 +30,7 @@ from bench.directions.hemisphere import to_degrees
 from bench.directions.interpolation import PairInterpolator
 from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names
-from bench.metrics.display import black_fault
+from bench.metrics.display import exposed
 from bench.metrics.scoring import Scorer
 from bench.records import OUTSIDE, VALIDATION, deciding_group
 
@@ -220,8 +220,8 @@ def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
             if what.data.texels:
                 btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it
             opened = Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)
-            dark = black_fault((btf[pair] for pair in opened.shown), opened.exposure)
-            if dark:
-                log.warning("%s: %s", what.material.name, dark)
+            fault = exposed((btf[pair] for pair in opened.shown), opened.exposure).fault
+            if fault:
+                log.warning("%s: %s", what.material.name, fault)
             _latest[key] = opened
         yield _latest[key]

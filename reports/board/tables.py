@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from bench.compare.choosing.budgets import CAP_DB, budgets, mean_bytes
+from bench.compare.choosing.budgets import budgets, mean_bytes
 from bench.compare.choosing.curves import hulls
 from bench.compare.choosing.within import reached
 from reports import columns
@@ -204,8 +204,8 @@ def standing(name: str, places: Sequence[Place]) -> Table | None:
     headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
     note = (
         "Test PSNR, mean over slices. Within a size: read off the curve of the settings that validation pairs choose, "
-        "at its end if it ends before; within a time, and without a curve: of the setting that they choose; at most "
-        f"{CAP_DB} dB. Without budgets: of the setting of each codec with the highest test PSNR, whatever its bytes."
+        "at its end if it ends before; within a time, and without a curve: of the setting that they choose. "
+        "Without budgets: of the setting of each codec with the highest test PSNR, whatever its bytes."
     )
     title = "Where it wins and loses, against the best of the others"
     return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4)

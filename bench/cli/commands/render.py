@@ -49,7 +49,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--tiling", type=float, default=1.0, help="repeat the texture this many times as often (default: 1)")
     add("--width", type=int, help="width of each picture in pixels (default: the scene's)")
     add("--rays", type=int, help="rays along each side of a pixel (default: 2)")
-    add("--exposure", type=float, help="factor on radiance (default: 0.8 divided by its 99th percentile)")
+    add("--exposure", type=float, help="factor on radiance (default: 0.8 divided by the picture's 99th percentile)")
     add("--device", help="the device that decodes (default: cpu)")
     add("-o", "--out", type=Path, required=True, help="the picture to write, .png or .exr (linear)")
 

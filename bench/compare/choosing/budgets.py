@@ -22,7 +22,6 @@ from bench.records import PSNR, Job, Run, Timing, TradeChoice, fitted_to_scene, 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
 SECONDS = (10, 100, 1000)  # of a processor, of a fit
-CAP_DB = 48.13  # what a surface counts at most: an error of one step of an 8-bit display, 20 log10(255)
 BYTES, EAGER, FUSED, FIT = "bytes", "eager", "fused", "fit"
 
 Times = dict[str, float]  # by job: what a query takes at most, × floor, or processor seconds of a fit
@@ -76,13 +75,10 @@ class Budgets:
         return picked
 
     def ranked(self, budget: Budget, materials: Collection[str], family: str = PSNR) -> dict[str, float]:
-        """The lines with a rung on each of some materials, with their mean of a metric over these, the best first.
-
-        In a mean of PSNR a surface counts at most `CAP_DB`.
-        """
+        """The lines with a rung on each of some materials, with their mean of a metric over these, the best first."""
         means: dict[str, float] = {}  # by line
         for line, rungs in self.picks(budget, materials).items():
-            mean = average([capped(mean_test_score(rung, family), family) for rung in rungs.values()])
+            mean = average([mean_test_score(rung, family) for rung in rungs.values()])
             if mean is not None:  # None: the metric was not measured on each of the materials
                 means[line] = mean
         sign = 1 if direction_of(family) == "lower" else -1  # ascending where lower is better, else descending
@@ -91,11 +87,11 @@ class Budgets:
     def told_apart(self, budget: Budget, materials: Collection[str]) -> set[str]:
         """The lines with a rung on each material whose differences over these tell them apart from `AGAINST`.
 
-        It tests the numbers whose mean the table shows, material by material: PSNR that counts at most `CAP_DB`.
+        It tests the numbers whose mean the table shows, material by material.
         """
         scores: dict[str, np.ndarray] = {}  # by line: (materials,) in dB
         for line, rungs in self.picks(budget, materials).items():
-            scores_of_line = [capped(mean_test_score(rung, PSNR)) for rung in rungs.values()]
+            scores_of_line = [mean_test_score(rung, PSNR) for rung in rungs.values()]
             measured = [score for score in scores_of_line if score is not None]
             if len(measured) == len(scores_of_line):
                 scores[line] = np.array(measured)
@@ -193,13 +189,6 @@ def setting_of(job: Job) -> str:
     if not settings:
         return "default"
     return " ".join(settings)
-
-
-def capped(value: float | None, family: str = PSNR) -> float | None:
-    """A value as it counts in a mean over surfaces: PSNR at most `CAP_DB`; None, not measured, stays None."""
-    if value is None or family != PSNR:
-        return value
-    return min(value, CAP_DB)
 
 
 def mean_test_score(rung: Rung, family: str) -> float | None:

@@ -6,22 +6,18 @@ the logarithm of bytes; they are shown with their scores of test pairs, and join
 best rung a curve goes on level to the largest that was measured, since a file may be smaller than it may be; it is
 never extrapolated. Two curves are compared over the range that both have, by Bjøntegaard's differences (VCEG-M33,
 2001): BD-PSNR is the mean gap in dB over log bytes, BD-rate the mean gap in log bytes over dB.
-
-PSNR counts at most `CAP_DB`. That limit cuts off what is read off a curve, not the rungs that it joins: else a rung far
-above the limit would pull down the line that leads to it.
 """
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from statistics import fmean
 from typing import NamedTuple
 
 import numpy as np
 
 from bench.compare.choosing import Rung
-from bench.compare.choosing.budgets import CAP_DB, Budget, Budgets, capped, mean_test_score, rung_of
+from bench.compare.choosing.budgets import Budget, Budgets, mean_test_score, rung_of
 from bench.metrics import stats_of
 from bench.records import PSNR, Job
 
@@ -40,32 +36,17 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class Curve:
-    """Values over sizes, which ascend: log2 of bits a texel, and a metric, which counts at most `most`."""
+    """Values over sizes, which ascend: log2 of bits a texel, and a metric."""
 
     sizes: Sequence[float]
     values: Sequence[float]
-    most: float = math.inf
 
     def at(self, bits: float) -> float | None:
-        """The value at so many bits a texel, at most `most`; None where the curve does not reach."""
+        """The value at so many bits a texel; None where the curve does not reach."""
         size = float(np.log2(bits))
         if not self.sizes[0] <= size <= self.sizes[-1]:
             return None
-        return min(float(np.interp(size, self.sizes, self.values)), self.most)
-
-    def cut_off(self) -> "_Line":
-        """The curve as it counts: level at `most` where it is above, with a point where it crosses that."""
-        sizes, values = [self.sizes[0]], [min(self.values[0], self.most)]
-        points = zip(self.sizes, self.values, strict=True)
-        for (last_size, last_value), (size, value) in pairwise(points):
-            crosses = min(last_value, value) < self.most < max(last_value, value)
-            if crosses:
-                share = (self.most - last_value) / (value - last_value)  # of the way from the last point to this
-                sizes.append(last_size + share * (size - last_size))
-                values.append(self.most)
-            sizes.append(size)
-            values.append(min(value, self.most))
-        return _Line(sizes, values)
+        return float(np.interp(size, self.sizes, self.values))
 
 
 Points = Mapping[str, Mapping[str, Sequence[Point]]]  # by line and surface
@@ -150,8 +131,8 @@ def curve_of(
 ) -> Curve | None:
     """The curve of a metric's family over test pairs, means over seeds; of seeds drawn with replacement, if asked.
 
-    With a `footprint` in texels, of PSNR averaged over boxes of that side. PSNR is cut off at `CAP_DB` where the curve
-    is read. None if a job lacks the metric.
+    With a `footprint` in texels, of PSNR averaged over boxes of that side.
+    None if a job lacks the metric.
     """
     values = list[float]()
     for place, point in enumerate(points):
@@ -168,8 +149,7 @@ def curve_of(
         if len(measured) < len(jobs):
             return None
         values.append(fmean(measured))
-    most = CAP_DB if family == PSNR else math.inf
-    return Curve([point.size for point in points], values, most)
+    return Curve([point.size for point in points], values)
 
 
 def _mean_of(job: Job, family: str, footprint: str) -> float | None:
@@ -191,7 +171,7 @@ class _Line(NamedTuple):
 
 def bd_psnr(ours: Curve, theirs: Curve) -> float | None:
     """The mean of our values minus theirs, over the log bytes that both curves have; None if they share none."""
-    return _mean_gap(ours.cut_off(), theirs.cut_off())
+    return _mean_gap(_Line(ours.sizes, ours.values), _Line(theirs.sizes, theirs.values))
 
 
 def bd_rate(ours: Curve, theirs: Curve) -> float | None:
@@ -199,14 +179,13 @@ def bd_rate(ours: Curve, theirs: Curve) -> float | None:
 
     A point of test pairs below that of a smaller file counts as high as this one. Where they share no values, no number
     of bytes makes the lower curve as good as the higher: the share is −1 if ours is the higher, and else infinite. None
-    if all that they share is one value, such as that at which both are cut off.
+    if all that they share is one value, such as the most that a slice counts.
     """
     lines = []  # of log bytes over values
     for curve in (ours, theirs):
-        sizes, values = curve.cut_off()
-        highest = np.maximum.accumulate(values).tolist()
+        highest = np.maximum.accumulate(curve.values).tolist()
         reached = highest.index(highest[-1]) + 1  # so many points; more bytes add nothing from the last of them on
-        lines.append(_Line(highest[:reached], sizes[:reached]))
+        lines.append(_Line(highest[:reached], curve.sizes[:reached]))
     our_line, their_line = lines
     if our_line.x[0] > their_line.x[-1]:
         return -1.0
@@ -285,7 +264,7 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
         rungs = [rung_of(jobs[surface], {}) for jobs in result.rungs[line].values() if surface in jobs]
         gaps = []
         for rung in rungs:
-            ours = capped(mean_test_score(rung, PSNR))
+            ours = mean_test_score(rung, PSNR)
             theirs = curve.at(rung.size)  # None where the curve does not reach
             if ours is not None and theirs is not None:
                 gaps.append(ours - theirs)

@@ -3,7 +3,6 @@
 A *line* is a codec, or a codec as published; a *rung* is one setting of it. Within a size a line has what its curve has
 there, so that no step of a ladder decides. A curve that ends below the size counts by its end, because a smaller file
 meets a larger limit, too. Within a time, and for a line without curves, it is the rung that validation pairs choose.
-PSNR counts at most `CAP_DB`.
 """
 
 from collections.abc import Sequence
@@ -11,7 +10,7 @@ from statistics import fmean
 from typing import NamedTuple
 
 from bench.compare.choosing import NEAR_DB
-from bench.compare.choosing.budgets import BYTES, ENOUGH, Budget, Budgets, capped, mean_test_score
+from bench.compare.choosing.budgets import BYTES, ENOUGH, Budget, Budgets, mean_test_score
 from bench.compare.choosing.curves import Point, Points, curve_of
 from bench.compare.ranks import Ranks, ranks
 from bench.metrics import direction_of
@@ -36,7 +35,7 @@ def reached(
     for line, rungs in result.picks(budget, surfaces).items():
         of_rungs: dict[str, Reached] = {}
         for surface, rung in rungs.items():
-            score = capped(mean_test_score(rung, family), family)
+            score = mean_test_score(rung, family)
             if score is not None:  # None: the metric was not measured
                 of_rungs[surface] = Reached(score, rung.size)
         if len(of_rungs) == len(surfaces):

@@ -66,7 +66,7 @@ def long_strip() -> BTF:
 def beyond_half() -> BTF:
     """1e6, too large for a half, in all views on 2 of 16 × 16 texels.
 
-    Metrics expose a material by the 99th percentile of its radiance, which so few texels do not change.
+    Metrics expose a material by the 99th percentile of each slice, which so few texels do not change.
     """
     radiance = np.stack(list(tiny_btf(size=16)))
     radiance[:, [3, 11], [5, 8]] = 1e6

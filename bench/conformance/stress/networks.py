@@ -166,7 +166,7 @@ def short_sound(subject: Subject, dtype: torch.dtype) -> Measured:
 def decibels(ours: Tensor, exact: Tensor) -> str:
     """The display PSNR of answers (n, 3) against exact ones, in words."""
     truth, answers = exact.double().numpy(), ours.double().numpy()
-    error = display_error(answers, truth, exposure_of(truth))
+    error = display_error(answers, truth, exposure_of(truth[None]))
     return f"{float(psnr(error, 1.0)):.0f} dB" if error else "exact"
 
 

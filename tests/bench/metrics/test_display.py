@@ -1,17 +1,32 @@
 import numpy as np
 import pytest
 
-from bench.metrics.display import decode_srgb, encode_srgb, exposure_of, to_display, to_log1p
+from bench.metrics.display import decode_srgb, encode_srgb, exposed, exposure_of, to_display, to_log1p
 
 
-def test_exposure_puts_the_99th_percentile_at_0_8():
-    values = np.linspace(0, 5, 1001)
-    assert np.percentile(values, 99) * exposure_of(values) == pytest.approx(0.8)
-    values = np.zeros(1000)
+def test_exposure_puts_the_bright_texels_of_bright_slices_at_0_8():
+    picture = np.linspace(0, 5, 1001)
+    assert np.percentile(picture, 99) * exposure_of(picture[None]) == pytest.approx(0.8)
+    slices = picture * np.linspace(0, 1, 11)[:, None]  # the tenth of eleven is the 90th percentile
+    assert np.percentile(slices[9], 99) * exposure_of(slices) == pytest.approx(0.8)
+    values = np.zeros((2, 1000))
     assert exposure_of(values) == 1  # where all is black
-    values[0] = 4
+    values[0, 0] = 4
     assert exposure_of(values) == pytest.approx(0.2)  # by the maximum where the percentile is 0
     assert exposure_of(-values) == 1
+
+
+def test_a_few_mirror_pairs_do_not_own_the_exposure():
+    """As on polished stone: a twentieth of the slices is a thousand times as bright as the others."""
+    slices = np.full((100, 8, 8, 3), 0.2)
+    slices[:5] = 200.0
+    assert exposure_of(slices) == pytest.approx(4.0)
+    assert exposed(slices, exposure_of(slices)).fault == ""
+    by_mirror = exposed(slices, 0.8 / 200)
+    assert by_mirror.black == pytest.approx(0.95 * 39.7 + 0.05 * 0.97, abs=0.1)
+    assert by_mirror.fault.startswith("black scores 38 dB at this exposure, 0.004")
+    dim = exposed([np.full((8, 8, 3), 0.02)] * 3, 1.0).fault
+    assert dim == "the median slice has a mean code of 39 of 255 at this exposure, 1"
 
 
 def test_srgb_has_the_standard_values_and_inverts():
