@@ -3,6 +3,7 @@
 Frame, units and colour space: see `bench.btf`.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -57,6 +58,7 @@ class Material:
         """A material of `size` (H, W) texels, on the CPU in float32 at first; `cost` is what tables show of it."""
         self.size = size
         self.cost = cost
+        self.lowest_light = 0.0  # cos θ of the lowest light of the fit: see `faded`
         self.device = torch.device("cpu")
         self.dtype = torch.float32
         self.chunk = CHUNK
@@ -75,6 +77,24 @@ class Material:
         Queries stay float32 for a half or bfloat16 material: these types can resolve neither texels nor the zenith.
         """
         raise NotImplementedError
+
+    @property
+    def lowest_light_deg(self) -> float:
+        """The angle from the normal, in degrees, of the lowest light of the fit."""
+        return math.degrees(math.acos(self.lowest_light))
+
+    def faded(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """As `evaluate`, with an answer that falls to 0 with the light's cosine where the light is lower than any of
+        the fit: the answer is that of the lowest light of the fit at its azimuth, times the ratio of their cosines.
+
+        A fit says nothing of lower lights, and what a network makes of them need not even be dark.
+        """
+        cosine = wi[:, 2:]
+        raised = cosine.clamp_min(self.lowest_light)
+        sine = (1 - cosine.square()).clamp_min(1e-12).sqrt()
+        stretch = (1 - raised.square()).clamp_min(0).sqrt() / sine  # of the part along the surface
+        light = torch.where(cosine < self.lowest_light, torch.cat([wi[:, :2] * stretch, raised], 1), wi)
+        return self.evaluate(uv, wo, light, footprint) * (cosine / raised)
 
     def modules(self) -> Sequence[nn.Module]:
         """The networks whose parameters are counted as the decoder's, each once; none for tables."""
@@ -168,7 +188,9 @@ class Material:
         # Without waiting for a copy to a GPU: the CPU's tensor is read before `to` returns, and the GPU works in order.
         ahead = is_gpu(self.device)
         queries = [x.to(self.device, dtype, non_blocking=ahead) for x in (uv, wo, wi, footprint)]
-        rgb = self.evaluate(*queries)
+        # On a CPU only where it changes anything: most batches are of lights that were fitted.
+        fades = self.lowest_light > 0 and (ahead or bool((wi[:, 2] < self.lowest_light).any()))
+        rgb = self.faded(*queries) if fades else self.evaluate(*queries)
         if not isinstance(rgb, Tensor) or rgb.shape != (len(uv), 3):
             what = f"a tensor {tuple(rgb.shape)}" if isinstance(rgb, Tensor) else rgb
             raise answered(self.evaluate, what, f"a tensor ({len(uv)}, 3)")
@@ -196,9 +218,10 @@ class Wrapped(Material):
     """Wraps a material, and computes its `evaluate` in another way or elsewhere."""
 
     def __init__(self, inner: Material):
-        """Take size, cost, device, type and chunk from the inner material."""
+        """Take size, cost, lowest light, device, type and chunk from the inner material."""
         super().__init__(inner.size, inner.cost)
         self.inner = inner
+        self.lowest_light = inner.lowest_light
         self.device = inner.device
         self.dtype = inner.dtype
         self.chunk = inner.chunk

@@ -6,7 +6,7 @@ pools over the whole picture, and the next makes the texture.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -60,7 +60,7 @@ class FittedMaterial:
         """
         codec = NeuBTF(**self.header.settings | {"keep_encoder": False, "scene": False})
         texture_tensors = store_alike("latents", texture, self.parts.texture)
-        return codec, Parts(decoder=self.parts.decoder, texture=texture_tensors, other=self.parts.other)
+        return codec, replace(self.parts, texture=texture_tensors, encoder={})
 
 
 def propagate(

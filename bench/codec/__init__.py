@@ -224,6 +224,7 @@ class Parts:
     encoder: dict[str, Tensor] = field(default_factory=dict)  # makes new textures; no query reads it
     sampling: dict[str, Tensor] = field(default_factory=dict)  # lobes that a renderer draws directions from
     other: dict[str, Tensor] = field(default_factory=dict)  # directions, exposure, other data for decoding
+    lowest_light: float = 0.0  # cos θ of the lowest light that was fitted, by the suite: see `Material.faded`
     scene: dict[str, Any] = field(default_factory=dict)  # the scene's demand, if the file was fitted to one
     network: "TrainedNetwork | None" = None  # the shared network that was used; the file stores its hash
 

@@ -60,6 +60,7 @@ class Header:
     tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, number of bytes
     file_bytes: int
     kind: str = MATERIAL
+    lowest_light: float = 0.0  # cos θ of the lowest light that was fitted
     scene: dict[str, Any] = field(default_factory=dict)  # the demand it was fitted to: see `bench.demand.needed_part`
     network: str = ""  # the hash of the shared network's file, if one is needed to decode
     provenance: dict[str, Any] = field(default_factory=dict)  # the sources of the file other than a BTF
@@ -119,6 +120,8 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
     metadata["sha256"] = ZEROS.decode()
     if isinstance(codec, SharedNetwork):
         metadata["kind"] = SHARED
+    if parts.lowest_light:
+        metadata["lowest_light"] = parts.lowest_light
     if parts.network:
         metadata["shared"] = parts.network.sha256
     if parts.scene:
@@ -216,7 +219,7 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
 
     data = _read(Path(path))
     header = _checked_header(Path(path), data)
-    parts = Parts()
+    parts = Parts(lowest_light=header.lowest_light)
     # Bytes that the remaining parts may still expand to: a small damaged file must not fill the memory.
     budget = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))
     try:
@@ -272,6 +275,7 @@ def _checked_header(path: Path, data: bytes) -> Header:
         tensors=tensors,
         file_bytes=len(data),
         kind=metadata.get("kind", MATERIAL),
+        lowest_light=metadata.get("lowest_light", 0.0),
         scene=dict(metadata.get("scene", {})),
         network=metadata.get("shared", ""),
         provenance=metadata.get("provenance", {}),

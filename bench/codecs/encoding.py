@@ -11,6 +11,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import NamedTuple
@@ -77,6 +78,8 @@ def fit_codec(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) ->
         start = processor_seconds()
         parts = encode(btf, fit)
         seconds = processor_seconds() - start
+    if isinstance(parts, Parts):  # what is none is refused when it is written
+        parts = replace(parts, lowest_light=round(float(btf.wi[:, 2].min()), 4))
     if fit.history:  # the fit's own clock, which continues when an interrupted fit is resumed
         seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
     return Fitted(parts, seconds)

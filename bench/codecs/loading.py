@@ -58,6 +58,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
             material = codec.decode(parts, torch.device(device))
         if not isinstance(material, Material):
             raise answered(codec.decode, material, "a Material")
+        material.lowest_light = header.lowest_light
         _check_answers(material)
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)

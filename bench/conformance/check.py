@@ -6,6 +6,7 @@ None.
 """
 
 import itertools
+import math
 import os
 import subprocess
 import sys
@@ -33,6 +34,8 @@ from bench.material import Material, texel_centres
 
 # Float32 sums of a few hundred terms in another order differ by about 1e-6 of their size; allow ten times that.
 ROUNDING = 1e-5
+SETTING = math.radians(89.9)  # a light just above the horizon
+FADED = 0.01  # of the mean answer to the zenith, what may be left there
 
 
 class NotApplicable(Exception):  # noqa: N818 (it is not an error)
@@ -275,6 +278,21 @@ def more_steps(codec: Codec) -> str:
     return f"; this fit had {steps:,} steps: if the codec learns slowly, give more by --set steps={10 * steps}"
 
 
+def fades(tested: CodecUnderTest) -> None:
+    """its answers fade as the light sets"""
+    uv, wo, wi, footprint = tested.queries
+    azimuth = wi[:, :2] / torch.linalg.vector_norm(wi[:, :2], dim=1, keepdim=True)
+    setting = torch.tensor(SETTING)
+    low = torch.cat([azimuth * setting.sin(), setting.cos().expand(len(uv), 1)], 1)
+    high = torch.tensor([0.0, 0.0, 1.0]).expand(len(uv), 3)
+    ours = tested.material.query(uv, wo, low, footprint).mean().item()
+    most = FADED * tested.material.query(uv, wo, high, footprint).mean().item()
+    if not ours <= most:
+        raise CheckError(
+            f"with the light at 89.9° its mean answer is {ours:.3g}, but at most {most:.3g} are left there"
+        )
+
+
 def slices(tested: CodecUnderTest) -> None:
     """a slice holds the answers at its texel centres, row 0 on top"""
     height, width = tested.material.size
@@ -374,6 +392,6 @@ Check = Callable[[CodecUnderTest], str | None]  # raises on failure; returns a n
 STAGES: tuple[tuple[Check, ...], ...] = (  # each needs those before it
     (encodes,),
     (repeats,),
-    (follows_data, slices),
+    (follows_data, fades, slices),
     (framed, same_bytes, fresh_process, leaves_the_process, batches, order, wraps, refuses, counted, on_a_gpu),
 )

@@ -1,6 +1,6 @@
 """Records a decoded material as a program: the steps that compute one query, and the constants that they need.
 
-`program_of` records the operations of `Material.evaluate` for one query by `torch.export`. So one generator writes the
+`program_of` records the operations of `Material.faded` for one query by `torch.export`. So one generator writes the
 shaders of all codecs whose operations it knows, including external ones; no codec writes a shader. Operations on only
 constants are computed here and become constants.
 """
@@ -41,18 +41,20 @@ def _quiet() -> Iterator[None]:
 
 
 class _Evaluate(nn.Module):
-    """A material's `evaluate` as a module, because torch.export takes nothing else."""
+    """What a material computes, as a module, because torch.export takes nothing else."""
 
     def __init__(self, material: Material):
         super().__init__()
         self.material = material
 
     def forward(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return self.material.evaluate(uv, wo, wi, footprint)
+        if not self.material.lowest_light:  # it was not read from a file
+            return self.material.evaluate(uv, wo, wi, footprint)
+        return self.material.faded(uv, wo, wi, footprint)
 
 
 def _exported(material: Material) -> torch.export.ExportedProgram:
-    """What PyTorch records of a material's `evaluate` for one query, in operations of the core set."""
+    """What PyTorch records of a material's answer to one query, in operations of the core set."""
     # Only the shapes of this query matter: what depends on its values cannot be recorded.
     zenith = torch.tensor([[0.0, 0.0, 1.0]])
     query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)

@@ -73,6 +73,7 @@ def _is_text(value: Any) -> bool:
 NUMBER = Plain("a finite number", _is_number)
 POSITIVE = Plain("a finite number > 0", lambda value: _is_number(value) and value > 0)
 NOT_NEGATIVE = Plain("a finite number ≥ 0", lambda value: _is_number(value) and value >= 0)
+COSINE = Plain("a number from 0 to 1", lambda value: _is_number(value) and 0 <= value <= 1)
 COUNT = Plain("a whole number ≥ 0", _is_count)
 TEXT = Plain("a text", _is_text)
 NAME = Plain("a name", lambda value: _is_text(value) and bool(value.strip()))

@@ -349,6 +349,7 @@ class FileMetadata(TypedDict, total=False):
     settings: Required[dict[str, Annotated[bool | int | float | str, kinds.ANY_SETTING]]]
     sha256: Required[Digits]
     kind: Literal["material", "shared"]
+    lowest_light: Annotated[float, kinds.COSINE]  # cos θ of the lowest light that was fitted
     scene: FileScene
     shared: Digits  # the hash of the network that decodes it, if it shares one
     provenance: dict[str, Any]  # sources of the file other than a BTF

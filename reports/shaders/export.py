@@ -39,6 +39,8 @@ levels and no colour conversion.
   top edge of the picture.
 - **footprint**: the side of the square that a pixel covers; 1 is the longer side of a period, 0 is a point. Codecs
   without levels of detail ignore it.
+- **Low lights**: below the lowest light of the fit, which is named at the end of this page, no data say anything. There
+  the answer is that of the lowest light at the same azimuth, times the ratio of the cosines: 0 at the horizon.
 - **Your part**: answer 0 where `wo.z <= 0` or `wi.z <= 0`, and clamp the answer at 0.
 
 ## Test vectors

@@ -35,6 +35,23 @@ def test_below_the_horizon_is_zero_and_the_codec_never_sees_it():
     assert (seen_wi[:, 2] > 0).all()
 
 
+def test_below_the_lowest_light_of_the_fit_the_answer_falls_with_the_cosine():
+    """The codec is asked for the lowest light at the same azimuth; the answer is continuous there, and 0 at the end."""
+    material = Constant()
+    material.lowest_light = 0.25
+    uv, wo, _ = queries(4)
+    cosine = torch.tensor([0.5, 0.25, 0.125, 1e-4])
+    azimuth = torch.tensor([0.6, -0.8])
+    wi = torch.cat([(1 - cosine.square()).sqrt()[:, None] * azimuth, cosine[:, None]], 1)
+    answer = material.query(uv, wo, wi)
+    assert answer[:, 0].tolist() == pytest.approx([0.5, 0.5, 0.25, 2e-4])
+    _, _, seen, _ = material.seen[-1]
+    assert seen[:2].equal(wi[:2])
+    torch.testing.assert_close(seen[2:], wi[1].expand(2, 3))
+    # Lights that were fitted are answered alike, whatever else is in the batch.
+    assert material.query(uv[:2], wo[:2], wi[:2]).equal(answer[:2])
+
+
 @pytest.mark.parametrize("name", ["uv", "wo", "wi", "footprint"])
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_a_number_that_is_not_finite_is_refused_by_row(name, bad):

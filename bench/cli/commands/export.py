@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     loaded = load(options.file)
     header = loaded.header
     source = f"`{options.file.name}`: codec {header.codec}, version {header.version}, file format {FORMAT}"
-    source += f", sha256 {header.sha256}"
+    source += f", sha256 {header.sha256}; fitted to lights up to {loaded.material.lowest_light_deg:.0f}°"
     try:
         program, _ = drawable(loaded.material)  # without the exposure
         checks = vectors(loaded.material)

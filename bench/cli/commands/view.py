@@ -58,13 +58,13 @@ def run(options: argparse.Namespace) -> int:
             note = "truth: the training pairs, interpolated between directions"
             models = [Shown(f"{btf.name}, truth", program, common_exposure, note, slices=True)]
         for file in map(load, options.files):  # each with a program that the page runs, and a note on it
-            (program, exposure), note = _drawn(file, console.show)
+            (program, exposure), note, of_slices = _drawn(file, console.show)
             if not common_exposure:  # one for all, the first, so that brightness can be compared
                 common_exposure = exposure
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
             if options.truth:
                 label += f", {_psnr(file, btf, console.show):.2f} dB"
-            models.append(Shown(label, program, common_exposure, note, slices=bool(note)))
+            models.append(Shown(label, program, common_exposure, note, slices=of_slices))
         title = models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem
         text = page(title, models)
     out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
@@ -84,8 +84,8 @@ def _psnr(file: Loaded, btf: BTF, show: Progress) -> float:
     return cast(float, stats_of({"scores": summary}, PSNR)["mean"])
 
 
-def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], str]":
-    """The program of a file's material with its exposure, and a note for the reader of the page.
+def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], str, bool]":
+    """The program of a file's material with its exposure, a note for the reader of the page, and whether it has slices.
 
     If no shader can evaluate the material, the program interpolates slices that were decoded from it.
     """
@@ -95,5 +95,5 @@ def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], st
     except InputError as error:
         name = file.header.path.stem
         note = f"{name} is baked to slices at {BAKED} × {BAKED} pairs, interpolated between directions, because {error}"
-        return drawable_truth(baked(file.material, name, show), show), note
-    return (program, exposure), ""
+        return drawable_truth(baked(file.material, name, show), show), note, True
+    return (program, exposure), f"fitted to lights up to {file.material.lowest_light_deg:.0f}°", False
