@@ -30,7 +30,7 @@ from bench.metrics.psnr import psnr as decibels
 from bench.training.display_loss import DisplayLoss
 from bench.training.optimiser import Optimisers, ParameterGroup, rate
 from bench.training.samples import PROBE, Batch, Samples
-from bench.training.stored_network import rounded_weights
+from bench.training.stored_network import BITS, choose_weight_bits, note_bits, rounded_weights
 from bench.training.stored_texture import Rounding, choose_bits
 
 log = logging.getLogger(__name__)
@@ -76,6 +76,7 @@ class Objective(nn.Module):
         super().__init__()
         self.samples = samples
         self.settings = settings  # the codec's
+        self.weights_chosen = False  # whether the bits of weights are chosen
         self.display_loss: DisplayLoss | None = None
         if getattr(settings, "loss", "") == "display":  # some codecs have no such setting
             self.display_loss = DisplayLoss(len(samples.wo))
@@ -90,10 +91,15 @@ class Objective(nn.Module):
 
     def as_stored(self, progress: float) -> AbstractContextManager[None]:
         """Within it, weights are as the file holds them: in eight bits, if so set, from half of the fit on."""
-        networks = self.stored_networks()
-        if not networks or progress < ROUNDED_FROM or self.settings.weights != "int8":
+        networks = self.networks_in_bits()
+        if not networks or progress < ROUNDED_FROM:
             return nullcontext()
         return rounded_weights(networks)
+
+    def networks_in_bits(self) -> list[nn.Module]:
+        """The networks whose weights the file holds in at most eight bits."""
+        networks = self.stored_networks()
+        return networks if networks and self.settings.weights == "int8" else []
 
     def rate(self, step: int, steps: int, group: int) -> float:
         """The learning rate of a group at a step, as a share of its highest; each stage of a fit has its own curve."""
@@ -126,10 +132,16 @@ class Objective(nn.Module):
         for module in self.modules():
             if isinstance(module, Rounding):
                 module.chosen = bool(module.bits.any())
+        self.weights_chosen = any(bool(getattr(network, BITS).any()) for network in self.networks_in_bits())
 
     @torch.no_grad()
     def round_textures(self, fit: Fit, progress: float) -> None:
         """Choose the rounding of each texture with a `Rounding`, unless it is already chosen."""
+        networks = self.networks_in_bits()
+        if networks and not self.weights_chosen:
+            batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
+            choose_weight_bits(networks, lambda: self.predict(batch, progress), batch.target)
+            self.weights_chosen = True
         roundings = [each for each in self.modules() if isinstance(each, Rounding) and each.undecided]
         if roundings:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
@@ -162,6 +174,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
     keep_buffers()
+    note_bits(objective.networks_in_bits())
     loop = _Loop(objective.to(fit.device), fit, steps)
     loop.resume()
     while loop.step < steps and not (patience and loop.flat(patience)):

@@ -1,11 +1,12 @@
-"""The weights of a network in a file: as floats, as halves, or in eight bits, which the fit takes into account.
+"""The weights of a network in a file: as floats, as halves, or in at most eight bits, which the fit takes into account.
 
-In eight bits each row of a matrix has a step of its own, so that the largest weight of the row is 127 steps; biases,
-norms and other vectors stay halves. From half of the fit on, a step is taken with the weights as the file will hold
-them: the gradient at the rounded weights moves the exact ones (Courbariaux et al., "BinaryConnect", 2015).
+In eight bits each matrix has as few bits as add little error, and each of its rows a step of its own, so that the
+largest weight of the row is the last step; their codes are stored as those of textures are. Biases, norms and other
+vectors stay halves. From half of the fit on, a step is taken with the weights as the file will hold them: the gradient
+at the rounded weights moves the exact ones (Courbariaux et al., "BinaryConnect", 2015).
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Literal, TypeVar
 
@@ -14,10 +15,15 @@ from torch import Tensor, nn
 
 from bench.material import HALF_MAX
 from bench.training.quantise import pack, unpack
+from bench.training.stored_texture import shared_out
+from bench.training.texture_codes import MOST_BITS, compress, expand
 
 WeightPrecision = Literal["float32", "half", "int8"]
 
-MOST_STEPS = 127  # of the largest weight of a row, in eight bits
+LEAST_BITS = 2  # of a weight: −1, 0 and 1 steps
+BEARABLE = 0.005  # share of the fit's squared error that the rounding of all weights may add
+MIDDLE = 2 ** (MOST_BITS - 1)  # the code of a weight of 0
+BITS = "stored_bits"  # the buffer of a network that holds the bits of each of its matrices; 0: not chosen
 
 
 def to_vector(*networks: nn.Module) -> Tensor:
@@ -46,9 +52,10 @@ def store_network(network: nn.Module, precision: WeightPrecision) -> dict[str, T
     if precision != "int8":
         return pack("weights", to_vector(network), precision)
     matrices, others = _matrices_and_others(network)
-    steps = [_steps(matrix) for matrix in matrices]
+    bits = _bits_of(network, matrices)
+    steps = [_steps(matrix, count) for matrix, count in zip(matrices, bits, strict=True)]
     codes = [(matrix.detach() / step).round() for matrix, step in zip(matrices, steps, strict=True)]
-    stored = {"weights": _joined(codes).to(torch.int8).cpu()}
+    stored = {"weights": compress((_joined(codes) + MIDDLE)[:, None], [MOST_BITS], _sizes(matrices))}
     return stored | pack("weights.step", _joined(steps), "half") | pack("weights.other", _joined(others), "half")
 
 
@@ -58,7 +65,9 @@ def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
         load_vector(unpack("weights", tensors), network)
         return network
     matrices, others = _matrices_and_others(network)
-    _copy_into(matrices, tensors["weights"].float())
+    count = sum(matrix.numel() for matrix in matrices)
+    codes = expand(tensors["weights"], (count, 1), _sizes(matrices))[:, 0] - MIDDLE
+    _copy_into(matrices, codes)
     _copy_into(others, unpack("weights.other", tensors))
     steps = [torch.empty(len(matrix), 1) for matrix in matrices]
     _copy_into(steps, unpack("weights.step", tensors))
@@ -69,20 +78,58 @@ def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
     return network
 
 
+def note_bits(networks: Iterable[nn.Module]) -> None:
+    """Give each network the buffer of the bits of its matrices, which belongs to the state of its fit."""
+    for network in networks:
+        if not hasattr(network, BITS):
+            matrices, _ = _matrices_and_others(network)
+            device = next((p.device for p in network.parameters()), None)
+            network.register_buffer(BITS, torch.zeros(len(matrices), dtype=torch.long, device=device))
+
+
+@torch.no_grad()
+def choose_weight_bits(networks: Iterable[nn.Module], answers: Callable[[], Tensor], target: Tensor) -> None:
+    """Choose the bits of each matrix, by the change of `answers`, which should be `target`, if it is rounded alone.
+
+    The squared error that a matrix adds grows with the square of its rounding. Each bit goes to the matrix that adds
+    most error for each of its weights, until all together add `BEARABLE` of the fit's error.
+    """
+    networks = list(networks)
+    matrices = [matrix for network in networks for matrix in _matrices_and_others(network)[0]]
+    exact = answers()
+    noise = []  # of each matrix, the error that it adds with each number of bits
+    for matrix in matrices:
+        kept = matrix.clone()
+        changes = [_rounded(kept, bits) - kept for bits in range(LEAST_BITS, MOST_BITS + 1)]
+        spread = torch.stack([change.square().mean() for change in changes])
+        probed = len(changes) // 2
+        matrix.add_(changes[probed])
+        error = (answers() - exact).square().mean()
+        matrix.copy_(kept)
+        noise.append(spread * (error / spread[probed].clamp_min(1e-30)))
+    sizes = torch.tensor([matrix.numel() for matrix in matrices])
+    bearable = BEARABLE * float((exact - target).square().mean())
+    bits = shared_out(torch.stack(noise).cpu(), sizes, MOST_BITS * int(sizes.sum()), bearable, LEAST_BITS)
+    for network in networks:
+        own, bits = bits[: len(_matrices_and_others(network)[0])], bits[len(_matrices_and_others(network)[0]) :]
+        getattr(network, BITS).copy_(own)
+
+
 @contextmanager
 def rounded_weights(networks: Iterable[nn.Module]) -> Iterator[None]:
     """Within it, some networks have the weights that a file of eight bits holds; after it, their own again."""
-    matrices = [p for p in _all_parameters(networks) if p.ndim == 2]
-    exact = [matrix.detach().clone() for matrix in matrices]
+    exact = []  # each matrix with a copy
     with torch.no_grad():
-        for matrix in matrices:
-            step = _steps(matrix)
-            matrix.div_(step).round_().mul_(step)
+        for network in networks:
+            matrices, _ = _matrices_and_others(network)
+            for matrix, bits in zip(matrices, _bits_of(network, matrices), strict=True):
+                exact.append((matrix, matrix.detach().clone()))
+                matrix.copy_(_rounded(matrix, bits))
     try:
         yield
     finally:
         with torch.no_grad():
-            for matrix, values in zip(matrices, exact, strict=True):
+            for matrix, values in exact:
                 matrix.copy_(values)
 
 
@@ -94,11 +141,28 @@ def _matrices_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]
     return matrices, others
 
 
-def _steps(matrix: Tensor) -> Tensor:
-    """The step (rows, 1) of each row of a matrix (rows, columns)."""
+def _bits_of(network: nn.Module, matrices: Sequence[Tensor]) -> list[int]:
+    """The bits of each matrix of a network: those that were chosen, or as many as there can be."""
+    chosen = getattr(network, BITS, torch.zeros(len(matrices))).tolist()
+    return [int(bits) or MOST_BITS for bits in chosen]
+
+
+def _steps(matrix: Tensor, bits: int) -> Tensor:
+    """The step (rows, 1) of each row of a matrix (rows, columns) of so many bits a weight."""
     largest = matrix.detach().abs().amax(1, keepdim=True)
     # A row of zeros has the least step that is no zero, because weights are divided by it.
-    return (largest / MOST_STEPS).clamp_min(torch.finfo(torch.float32).tiny)
+    return (largest / (2 ** (bits - 1) - 1)).clamp_min(torch.finfo(torch.float32).tiny)
+
+
+def _rounded(matrix: Tensor, bits: int) -> Tensor:
+    """A matrix (rows, columns) in so many bits a weight."""
+    step = _steps(matrix, bits)
+    return (matrix.detach() / step).round() * step
+
+
+def _sizes(matrices: Sequence[Tensor]) -> list[tuple[int, int]]:
+    """The rows and columns of matrices, whose codes are predicted as those of pictures are."""
+    return [(matrix.shape[0], matrix.shape[1]) for matrix in matrices]
 
 
 def _joined(tensors: list[Tensor]) -> Tensor:
