@@ -343,11 +343,9 @@ class FileScene(TypedDict):
 class FileMetadata(TypedDict, total=False):
     """What the header of a codec file says of it, besides its tensors."""
 
-    format: Required[Count]
     codec: Required[Text]
     version: Required[Count]
     settings: Required[dict[str, Annotated[bool | int | float | str, kinds.ANY_SETTING]]]
-    sha256: Required[Digits]
     kind: Literal["material", "shared"]
     scene: FileScene
     shared: Digits  # the hash of the network that decodes it, if it shares one
