@@ -278,7 +278,7 @@ def _loaded(label: str, entries: Mapping[str, Entry], payload: memoryview) -> "d
     for name, (dtype, shape, size) in entries.items():
         tensor = torch.empty(shape, dtype=getattr(torch, HELD[dtype]))
         numbers = tensor.reshape(-1).view(torch.uint8)
-        memoryview(numbers.numpy())[:] = payload[begin : begin + size]
+        numbers.numpy().data[:] = payload[begin : begin + size]
         begin += size
         if tensor.is_floating_point() and not tensor.isfinite().all():
             raise ContainerError(f"{label}: tensor {name} holds numbers that are not finite")
@@ -391,29 +391,38 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _entries(label: str, tensors: object) -> dict[str, Entry]:
-    """The dtype, shape and size of each tensor by "part/name", of {part: {name: [dtype, sides …]}}.
+    """The entry of each tensor by "part/name", of {part: {name: [dtype, sides of the shape …]}}.
 
-    `ContainerError` if a part has no such name, or a dtype or a shape is not possible.
+    `ContainerError` if there is no such part, or a dtype or a shape is not possible.
     """
-    entries = {}
     if not isinstance(tensors, dict):
-        raise ContainerError(f"{label}: its header lists no tensors: copy it again")
+        raise ContainerError(f"{label}: its header lists no tensors: encode it again")
+    entries = {}
     for part, named in tensors.items():
         if part not in PARTS or not isinstance(named, dict):
-            raise ContainerError(f"{label}: its header has no part {shown(part)}: copy it again")
-        for name, entry in named.items():
+            raise ContainerError(f"{label}: its header has an unknown part {shown(part)}: encode it again")
+        for name, listed in named.items():
             full = f"{part}/{name}"
             try:
-                dtype, *shape = entry
-                if not (_encodable(name) and len(shape) <= MOST_SIDES and all(map(_is_size, shape))):
+                if not _encodable(name):
                     raise ValueError
-                # Not even the sides beside a side of 0 may be beyond all measure: PyTorch's strides would overflow.
-                if not _is_size(ITEM_BYTES[dtype] * math.prod(max(side, 1) for side in shape)):
-                    raise ValueError
+                entries[full] = _entry(listed)
             except (KeyError, ValueError, TypeError) as error:
                 raise ContainerError(f"{label}: tensor {full!r:.60} is not sound") from error
-            entries[full] = dtype, tuple(shape), ITEM_BYTES[dtype] * math.prod(shape)
     return entries
+
+
+def _entry(listed: object) -> Entry:
+    """The dtype, shape and number of bytes of [dtype, sides of the shape …]; an error of Python's if it is not so."""
+    if not isinstance(listed, list):
+        raise TypeError
+    dtype, *shape = listed
+    if len(shape) > MOST_SIDES or not all(map(_is_size, shape)):
+        raise ValueError
+    # Not even the sides beside a side of 0 may be beyond all measure: PyTorch's strides would overflow.
+    if not _is_size(ITEM_BYTES[dtype] * math.prod(max(side, 1) for side in shape)):
+        raise ValueError
+    return dtype, tuple(shape), ITEM_BYTES[dtype] * math.prod(shape)
 
 
 def _is_size(value: object) -> bool:
@@ -438,7 +447,7 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
     packed = payload.numpy().tobytes()
     try:
         if not LENGTHS.size <= zstandard.frame_content_size(packed) <= most:
-            raise ContainerError(f"{label} gives no size, or one far too small or too large for the file")
+            raise ContainerError(f"{label} gives no size, or one too small for a header or far too large for the file")
         data = memoryview(zstandard.ZstdDecompressor().decompress(packed))
     except zstandard.ZstdError as error:
         raise ContainerError(f"{label} is not sound ({error})") from error

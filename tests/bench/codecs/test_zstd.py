@@ -15,7 +15,7 @@ from bench.runs.suite import parse_suite, with_changes
 
 
 def saved(path, **settings):
-    codec = load_codec("pca")(components=4, **settings)
+    codec = load_codec("table")(**settings)
     return container.save(path, codec, codec.encode(tiny_btf(), Fit()))
 
 
@@ -57,7 +57,7 @@ def test_without_the_package_it_is_said_what_to_install(tmp_path, monkeypatch):
     [
         b"",
         b"no frame at all",
-        zstandard.ZstdCompressor().compress(b"no safetensors"),
+        zstandard.ZstdCompressor().compress(b"no tensors at all"),
         zstandard.ZstdCompressor(write_content_size=False).compress(b"x" * 1000),
         zstandard.ZstdCompressor().compress(b"x" * 1000)[:-3],
     ],
