@@ -100,10 +100,10 @@ def _setting(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> 
 def _entry(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> None:
     """Another value in place of a part, of a tensor's entry, of its dtype or of a side; or one side more."""
     part = rng.choice(list(tensors))
-    name = rng.choice(list(tensors[part])) if isinstance(tensors[part], dict) else None
-    if name is None or rng.random() < 0.1:
+    if not isinstance(tensors[part], dict) or not tensors[part] or rng.random() < 0.1:
         tensors[part] = rng.choice(VALUES)
         return
+    name = rng.choice(list(tensors[part]))
     entry = tensors[part][name]
     if not isinstance(entry, list) or not entry or rng.random() < 0.1:
         tensors[part][name] = rng.choice([*VALUES, ["U8"] + [0, 2**47] * 3, ["U8"] + [1] * 99])
