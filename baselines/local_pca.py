@@ -37,7 +37,7 @@ class LocalPCA(Codec):
     Cited as `pca`.
     """
 
-    name, version = "local-pca", 1
+    name, version = "local-pca", 2
     interpolates, sizes = True, ("components", "clusters")
 
     @dataclass(frozen=True)

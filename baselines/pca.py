@@ -46,7 +46,7 @@ class PCA(Codec):
     }
     """
 
-    name, version = "pca", 4
+    name, version = "pca", 5
     interpolates, sizes = True, ("components",)
 
     @dataclass(frozen=True)

@@ -49,7 +49,7 @@ class VQ(Codec):
     }
     """
 
-    name, version = "vq", 3
+    name, version = "vq", 4
     interpolates, sizes = True, ("codes",)
 
     @dataclass(frozen=True)
