@@ -287,10 +287,9 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
     """
     sides = {"views": torch.from_numpy(layout.views), "lights": torch.from_numpy(layout.lights)}
     pairs = np.stack([layout.view, layout.light], 1)
-    if len(pairs) <= MOST_IMPLIED:
-        for views_fastest in (False, True):
-            if np.array_equal(pairs, _product(len(layout.views), len(layout.lights), views_fastest)):
-                return sides | ({"views_fastest": torch.ones(1, dtype=torch.uint8)} if views_fastest else {})
+    views_fastest = _views_fastest(layout)
+    if views_fastest is not None and len(pairs) <= MOST_IMPLIED:
+        return sides | ({"views_fastest": torch.ones(1, dtype=torch.uint8)} if views_fastest else {})
     most = max(len(layout.views), len(layout.lights))
     if most <= 256:
         dtype = torch.uint8
@@ -309,6 +308,25 @@ def _product(views: int, lights: int, views_fastest: bool) -> np.ndarray:
     else:
         view, light = np.divmod(np.arange(views * lights), lights)
     return np.stack([view, light], 1)
+
+
+def _views_fastest(layout: Layout) -> bool | None:
+    """Whether the pairs run through a product with the views fastest, or with the lights; None if they do neither."""
+    pairs = np.stack([layout.view, layout.light], 1)
+    for views_fastest in (False, True):
+        if np.array_equal(pairs, _product(len(layout.views), len(layout.lights), views_fastest)):
+            return views_fastest
+    return None
+
+
+def picture_of_pairs(layout: Layout) -> tuple[int, int]:
+    """The size (H, W) of the picture that the N pairs of a layout are, row by row: views by lights, or lights by views,
+    where neighbours are near directions; 1 by N if the pairs do not run through a product in order."""
+    views_fastest = _views_fastest(layout)
+    if views_fastest is None:
+        return 1, len(layout.view)
+    views, lights = len(layout.views), len(layout.lights)
+    return (lights, views) if views_fastest else (views, lights)
 
 
 def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
