@@ -42,7 +42,7 @@ def two_stages(parts):
         ("vq", {"codes": 1}, lambda p: p.other.update(size=HUGE), "an index of"),
         ("vq", {"codes": 1}, two_stages, r"an index of \d+ bytes for 4096 × 4096 texels and 2 stages"),
         ("neumip", {"steps": 1, "batch": 16}, lambda p: p.other.update(size=HUGE), "not what codec neumip wrote"),
-        ("pca", {"components": 2}, lambda p: p.other.update(pairs=p.other["pairs"][:-1]), "its pairs are not those"),
+        ("pca", {"components": 2}, lambda p: p.other.update(views=p.other["views"][:-1]), "its pairs are not those"),
     ],
 )
 def test_parts_that_do_not_agree_are_refused_before_memory_is_taken(name, settings, change, message, tmp_path):
