@@ -49,7 +49,7 @@ class HSH(Codec):
     }
     """
 
-    name, version = "hsh", 4
+    name, version = "hsh", 5
     interpolates, sizes = True, ("lights", "views")
     recipes: ClassVar = {"paper": {"bits": 8, "domain": "rgb", "cosine": False, "smoothness": 0.0}}
 
@@ -64,7 +64,10 @@ class HSH(Codec):
         bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Solve for all texels at once, and store their coefficients (H, W, 3 · K): of red, then of green, of blue."""
+        """Solve for all texels at once, and store their coefficients (H, W, 3 · K).
+
+        The three colours of a harmonic follow each other, so that one predicts the next.
+        """
         gain = gain_of(btf, fit)
         settings = self.settings
         # n bands are n² harmonics, of which there should be no more than directions.
@@ -84,7 +87,7 @@ class HSH(Codec):
                 values = (gain * values).log1p()
             # The product solve · values of all pairs is the sum of those of each block of pairs.
             coefficients += solve[:, rows] @ values  # values are (rows, texels · 3)
-        texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)  # (H, W, 3 · K)
+        texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 0, 3).flatten(2)  # (H, W, 3 · K)
         rounding = self._rounding(btf, texture, gain, bands, fit)
         other = {"gain": torch.tensor([gain]), "bands": torch.tensor(bands, dtype=torch.uint8)}
         return Parts(texture=store_texture("coefficients", texture, rounding), other=other)
@@ -101,7 +104,7 @@ class HSH(Codec):
         if self.settings.domain == "log":
             values = (gain * values).log1p()
         # Each colour has coefficients of its own: the rows of a colour are 0 at those of the others.
-        of_colours = torch.einsum("pk,cd->pcdk", basis(wo, wi, bands), torch.eye(3))  # (P, 3, 3, K)
+        of_colours = torch.einsum("pk,cd->pckd", basis(wo, wi, bands), torch.eye(3))  # (P, 3, K, 3)
         # An error of radiance is one of radiance / cosine times the cosine, so rows and values are multiplied by it.
         rows = of_colours.flatten(2).flatten(0, 1) * cosine  # (3 · P, 3 · K)
         rows = rows.to(values)
@@ -222,8 +225,8 @@ class HSHMaterial(Material):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
         of detail."""
-        coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (3, -1))
-        level = torch.einsum("nck,nk->nc", coefficients, basis(wo, wi, self.bands))
+        coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (-1, 3))
+        level = torch.einsum("nkc,nk->nc", coefficients, basis(wo, wi, self.bands))
         # `level` is log1p(gain · radiance), or without `gain` radiance; with `cosine`, of radiance over the cosine.
         radiance = level if self.gain is None else to_radiance(level, self.gain)
         return radiance * _cosine(wi, self.cosine)

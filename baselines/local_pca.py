@@ -22,10 +22,10 @@ from baselines.clusters import clustered, pack_index, reduced, unpack_index
 from baselines.components import PROBED_TEXELS, probed
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
+from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
 from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, at_least_float32, saturated, texel_corners, to_radiance
-from bench.training import Bits, gain_of, load_texture, round_after, store_texture
+from bench.training import Bits, gain_of, load_table, load_texture, round_after, store_table, store_texture
 
 SPANNED = 64  # principal components of all texels, in which the clusters' means and components are found
 ROUNDS = 30  # of moving texels and finding components; most fits end earlier
@@ -37,7 +37,7 @@ class LocalPCA(Codec):
     Cited as `pca`.
     """
 
-    name, version = "local-pca", 1
+    name, version = "local-pca", 2
     interpolates, sizes = True, ("components", "clusters")
 
     @dataclass(frozen=True)
@@ -49,7 +49,8 @@ class LocalPCA(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Store coefficients (H, W, k), each texel's cluster, and of N pairs the components of all clusters.
 
-        These are (N, 3, clusters · (k + 1)): one cluster after the other, of each its mean, then its k components.
+        These are (V, L, clusters · (k + 1), 3) of N = V · L: one cluster after the other, of each its mean, then its k
+        components.
         """
         gain = gain_of(btf, fit)
         settings = self.settings
@@ -89,8 +90,10 @@ class LocalPCA(Codec):
             probed_coefficients, bits, lambda rounded: answers(probed_table, rounded), target
         ).fit_to(texture)
         coefficients = store_texture("coefficients", texture, texture_rounding)
+        # The colours of a component follow each other, so that one predicts the next.
+        picture = table.transpose(1, 2).unflatten(0, picture_of_pairs(btf.layout))
         return Parts(
-            decoder=store_texture("components", table, table_rounding),
+            decoder=store_table("components", picture, table_rounding, axis=2),
             texture=coefficients | {"clusters": pack_index(local.label, count)},
             other={"gain": torch.tensor([gain]), "count": torch.tensor([count]), **pack_layout(btf.layout)},
         )
@@ -98,10 +101,11 @@ class LocalPCA(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `ValueError` if clusters and components do not fit."""
         texture = load_texture("coefficients", parts.texture)
-        table = load_texture("components", parts.decoder)
+        # (N, 3, clusters · (k + 1))
+        table = load_table("components", parts.decoder, axis=2).flatten(0, 1).transpose(1, 2)
         count = int(parts.other["count"])
         height, width, components = texture.shape
-        if count < 1 or table.ndim != 3 or table.shape[2] != count * (components + 1):
+        if count < 1 or table.shape[1:] != (3, count * (components + 1)):
             raise ValueError(f"components {tuple(table.shape)} for {count} clusters and {components} coefficients")
         label = unpack_index(parts.texture["clusters"], height * width, count)
         interpolator = PairInterpolator(unpack_layout(parts.other, len(table)))

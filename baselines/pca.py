@@ -18,11 +18,11 @@ from torch.nn import functional
 from baselines.components import ComponentsMaterial, principal, probed, rounded_coefficients
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
+from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
 from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.metrics.display import exposure
-from bench.training import Bits, load_texture, round_after, store_texture
+from bench.training import Bits, load_table, load_texture, round_after, store_table, store_texture
 from bench.training.quantise import FloatPrecision, pack, unpack
 from bench.training.svd import Factors, strongest
 
@@ -46,7 +46,7 @@ class PCA(Codec):
     }
     """
 
-    name, version = "pca", 4
+    name, version = "pca", 5
     interpolates, sizes = True, ("components",)
 
     @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class PCA(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Store the coefficients (H, W, k) and, of N pairs, the components with the mean.
 
-        With `domain=log` the mean is the first of k + 1 components, (N, 3, k + 1). With `domain=rgb` it is stored apart
-        as floats, (N, 3), beside k components, (N, 3, k).
+        With `domain=log` the mean is the first of k + 1 components, (V, L, k + 1, 3) of N = V · L. With `domain=rgb` it
+        is stored apart as floats, (N, 3), beside k components, (V, L, k, 3).
         """
         log = self.settings.domain == "log"
         gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
@@ -97,8 +97,10 @@ class PCA(Codec):
             return apart_mean + rows @ coefficients
 
         basis_rounding = round_after(rows, bits, answers, values).fit_to(basis)
+        # The colours of a component follow each other, so that one predicts the next.
+        table = basis.transpose(1, 2).unflatten(0, picture_of_pairs(btf.layout))
         return Parts(
-            decoder=decoder | store_texture("basis", basis, basis_rounding),
+            decoder=decoder | store_table("basis", table, basis_rounding, axis=2),
             texture=store_texture("coefficients", texture, rounding),
             other={"gain": torch.tensor([gain]), **pack_layout(btf.layout)},
         )
@@ -140,11 +142,11 @@ class PCA(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `ValueError` if components and coefficients do not fit."""
         texture = load_texture("coefficients", parts.texture)
-        table = load_texture("basis", parts.decoder)
+        table = load_table("basis", parts.decoder, axis=2).flatten(0, 1).transpose(1, 2)  # (N, 3, k + 1), or k
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
         if gain is None:
             table = torch.cat([unpack("mean", parts.decoder)[..., None], table], 2)
-        if table.ndim != 3 or table.shape[2] != texture.shape[2] + 1:  # (N, 3, k + 1): the mean's coefficient is 1
+        if table.shape[1:] != (3, texture.shape[2] + 1):  # (N, 3, k + 1): the mean's coefficient is 1
             raise ValueError(f"components {tuple(table.shape)} for coefficients {tuple(texture.shape)}")
         interpolator = PairInterpolator(unpack_layout(parts.other, len(table)))
         return PCAMaterial(texture, table, interpolator, gain).to(device)

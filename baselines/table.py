@@ -19,7 +19,7 @@ from bench.training.quantise import half_scale
 class Table(Codec):
     """The half-float table itself, interpolated over directions: exact at its samples, and as large as the data."""
 
-    name, version = "table", 1
+    name, version = "table", 2
     interpolates = True
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:

@@ -49,7 +49,7 @@ class Tucker(Codec):
     }
     """
 
-    name, version = "tucker", 3
+    name, version = "tucker", 4
     interpolates, sizes = True, ("components", "views", "lights")
     recipes: ClassVar = {"paper": {"bits": 8, "domain": "rgb", "alternations": 0}}
 

@@ -24,14 +24,15 @@ from baselines.clusters import MOST_CODES, clustered, pack_index, reduced, unpac
 from baselines.components import PROBED_TEXELS, probed
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
+from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
 from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
-from bench.training import Bits, gain_of, load_texture, round_after, store_texture
+from bench.training import Bits, gain_of, load_table, round_after, store_table
 from bench.training.svd import blocks
 
 BLOCK_BYTES = 64 << 20  # slices read together
 MOST_LABELS = 1 << 24  # of all stages, if fewer are stored: the index of a one-entry codebook takes no bytes
+MOST_BESIDE = 64  # codes that are stored as channels of one picture: many take minutes to write
 
 
 class VQ(Codec):
@@ -49,7 +50,7 @@ class VQ(Codec):
     }
     """
 
-    name, version = "vq", 3
+    name, version = "vq", 4
     interpolates, sizes = True, ("codes",)
 
     @dataclass(frozen=True)
@@ -60,8 +61,8 @@ class VQ(Codec):
         bits: Bits = 0  # bits of a number of the stored codebook on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Store the codebooks (codes of all stages, N, 3), one after the other, and of each stage an index, the labels
-        (H · W,)."""
+        """Store the codebooks (V, L, codes of all stages, 3) of N = V · L pairs, one after the other, and of each stage
+        an index, the labels (H · W,). More than `MOST_BESIDE` codes are stored as (codes, N, 1, 3)."""
         gain = gain_of(btf, fit)
         _, _, points = reduced(btf, gain, self.settings.components, fit)
         # Cluster the texels, stage by stage.
@@ -95,9 +96,12 @@ class VQ(Codec):
             "codes": torch.tensor(counts, dtype=torch.int32),
             **pack_layout(btf.layout),
         }
-        return Parts(
-            decoder=store_texture("codebook", codebook, rounding.fit_to(codebook)), texture=indices, other=other
-        )
+        if len(codebook) <= MOST_BESIDE:  # entries lie side by side, so that one predicts the next
+            table = codebook.transpose(0, 1).unflatten(0, picture_of_pairs(btf.layout))
+        else:
+            table = codebook[:, :, None]  # (codes, N, 1, 3)
+        decoder = store_table("codebook", table, rounding.fit_to(codebook), axis=3)
+        return Parts(decoder=decoder, texture=indices, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `ValueError` if labels and codebook do not fit."""
@@ -112,9 +116,13 @@ class VQ(Codec):
         for stage, count in enumerate(counts):
             labels.append(unpack_index(parts.texture[f"index{stage}"], height * width, count))
         rows = torch.stack(labels, 1) + _starts(counts)  # (texels, stages)
-        codebook = load_texture("codebook", parts.decoder)
+        table = load_table("codebook", parts.decoder, axis=3)
+        if sum(counts) <= MOST_BESIDE:
+            codebook = table.flatten(0, 1).transpose(0, 1)  # (codes, N, 3)
+        else:
+            codebook = table.flatten(2)
         gain = float(parts.other["gain"])
-        if min(counts) < 1 or len(codebook) != sum(counts):
+        if min(counts) < 1 or len(codebook) != sum(counts) or codebook.shape[2] != 3:
             raise ValueError(f"a codebook of {len(codebook)} entries for stages of {counts}")
         interpolator = PairInterpolator(unpack_layout(parts.other, codebook.shape[1]))
         return VQMaterial((height, width), rows, codebook, interpolator, gain).to(device)

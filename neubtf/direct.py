@@ -30,7 +30,7 @@ class NeuBTFDirect(Codec):
     Cited as `neubtf`.
     """
 
-    name, version = "neubtf-direct", 4
+    name, version = "neubtf-direct", 5
     sizes = ("latents", "width")
     recipes: ClassVar = {"paper": PAPER}
 

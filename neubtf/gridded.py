@@ -24,12 +24,14 @@ def is_gridded(settings: Any) -> bool:
 
 
 class GriddedNetwork(nn.Module):
-    """The renderer and, if the settings ask for it, the network of the offset."""
+    """The renderer and, if the settings ask for it, the network of the offset, over a picture of `size` (H, W)."""
 
-    def __init__(self, decoder: Decoder, settings: Any, generator: torch.Generator | None = None):
+    def __init__(
+        self, decoder: Decoder, settings: Any, size: tuple[int, int], generator: torch.Generator | None = None
+    ):
         super().__init__()
         self.decoder = decoder
-        self.offset = Offset(settings.offset, generator) if settings.offset else None
+        self.offset = Offset(settings.offset, size, generator) if settings.offset else None
 
     def forward(self, inputs: Tensor) -> Tensor:
         return self.decoder(inputs)
@@ -49,7 +51,7 @@ class GriddedObjective(DirectedObjective):
         """Make the renderer and what moves a look-up, then start the grids at the first latents."""
         as_siren = settings.recipe == "paper"  # its last layer starts as SIREN's, not at the mean of the data
         super().__init__(samples, settings, generator, about=as_siren)
-        self.network: Any = GriddedNetwork(self.network, settings, generator)
+        self.network: Any = GriddedNetwork(self.network, settings, samples.shape, generator)
         first = first_latents(samples, total(settings), settings.start, generator)
         self.grids = Grids(first, samples.shape, settings, offset=bool(settings.offset))
 
@@ -72,7 +74,7 @@ class GriddedObjective(DirectedObjective):
 def load_gridded(parts: Parts, settings: Any) -> "GriddedMaterial":
     """The material of a file."""
     height, width = parts.other["size"].tolist()
-    network = load_network(GriddedNetwork(Decoder(settings.architecture), settings), parts.decoder)
+    network = load_network(GriddedNetwork(Decoder(settings.architecture), settings, (height, width)), parts.decoder)
     grids = load_grids(parts.texture, settings, (height, width), offset=bool(settings.offset))
     return GriddedMaterial(network, grids, (height, width), float(parts.other["gain"]), settings.directions)
 

@@ -69,8 +69,9 @@ class Network(nn.Module):
     Without one it has the network that moves a look-up, if the settings give that channels.
     """
 
-    def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
-        """Make the networks, with weights drawn from the generator; `relief` says whether the surface has a height."""
+    def __init__(self, settings: Any, size: tuple[int, int], relief: bool, generator: torch.Generator | None = None):
+        """Make the networks of a picture of `size` (H, W), with weights drawn from the generator; `relief` says whether
+        the surface has a height."""
         super().__init__()
         self.shadow: bool = relief and settings.shadow
         # Latents, the level of detail, directions and, with a shadow, how far the relief rises into the light's ray.
@@ -78,7 +79,7 @@ class Network(nn.Module):
         widths = (settings.width,) * settings.layers
         outputs = 6 if self.shadow else 3  # radiance in RGB, and a mask of it in RGB
         self.decoder = Decoder(Architecture(inputs, widths, outputs, activation="silu"), generator)
-        self.offset = Offset(settings.offset, generator) if settings.offset and not relief else None
+        self.offset = Offset(settings.offset, size, generator) if settings.offset and not relief else None
 
     @property
     def flops(self) -> int:
@@ -277,7 +278,7 @@ class ReliefObjective(Objective):
         self.fit = fit
         generator = fit.generator()
         has_height = height is not None
-        self.network = Network(settings, relief=has_height, generator=generator)
+        self.network = Network(settings, self.samples.shape, relief=has_height, generator=generator)
         self.network.start_at(self.samples.mean(generator))  # answers the mean log radiance at first
         self.pyramids = Pyramids(settings, self.samples.shape, relief=has_height)
         self.first_height: Tensor | None  # as the sweep found it, which a fit does not change
@@ -353,7 +354,7 @@ class ReliefObjective(Objective):
 class Relief(Codec):
     """Relief: heights found in the slices and marched where they stand, latents of few bits on three grids."""
 
-    name, version = "relief", 4
+    name, version = "relief", 5
     sizes = ("latents", "half", "quarter", "width")
 
     @dataclass(frozen=True)
@@ -408,7 +409,7 @@ class Relief(Codec):
             # Larger heights, and NaN, are from an altered file, but a search through them must still end.
             surface = Surface(heights.nan_to_num(0).clamp(-HIGHEST, HIGHEST))
         has_height = surface is not None
-        network = load_network(Network(self.settings, relief=has_height), parts.decoder)
+        network = load_network(Network(self.settings, (height, width), relief=has_height), parts.decoder)
         pyramids = Pyramids(self.settings, (height, width), relief=has_height)
         grids = load_grids(parts.texture, self.settings, (height, width), offset=not has_height)
         gain = float(parts.other["gain"])

@@ -1,18 +1,28 @@
-"""The codec file: safetensors, tensors named `part/name`, one metadata key of canonical JSON, one hash over all.
+"""The codec file: a short header, deflated JSON that says what the file holds, and the tensors, one after another.
 
-A part is a group of tensors that tables count apart: `decoder`, `texture`, and the rest of `PARTS`. The JSON holds
-{format, codec, version, settings, sha256}, and `provenance` if a file was made from others. If a codec shares a network
-over materials, `shared` is the hash of the network's file, whose own `kind` is "shared". If a file was fitted to a
-scene, `scene` says which part of the BTF it holds. The hash covers the whole file, with its own 64 digits replaced by
-zeros, so every changed byte is detected. Nothing is ever unpickled. If the setting `zstd` is true, each part is one
-uint8 tensor `part/zstd`: the bytes of a safetensors file of its tensors, compressed by Zstandard.
+    bytes 0-3    NBTF
+    byte  4      the format, 2
+    bytes 5-12   two u32, little-endian: the bytes of the deflated JSON, and those of the JSON itself
+    bytes 13-44  the sha256 of the whole file, with zeros in place of these 32 bytes: every changed byte is detected
+    then         the JSON, as a raw stream of deflate
+    then         the numbers of the tensors, little-endian, in the order of the JSON, without gaps
+
+The JSON holds {codec, version, settings, tensors}; `tensors` is {part: {name: [dtype, sides of the shape …]}}. A part
+is a group of tensors that tables count apart: `decoder`, `texture`, and the rest of `PARTS`. All settings are there,
+also those that have their defaults, so a file explains itself without the code that wrote it. `lowest_light` is cos θ
+of the lowest light that was fitted (`Material.faded`). `provenance` is there if the file was made from others. If a
+codec shares a network over materials, `shared` is the hash of the network's file, whose own `kind` is "shared". If a
+file was fitted to a scene, `scene` says which part of the BTF it holds. Nothing is ever unpickled. If the setting
+`zstd` is true, each part is one uint8 tensor, `zstd`: bytes that Zstandard compressed, of the two u32, the JSON and the
+tensors as above, and nothing else.
 """
 
 import hashlib
 import json
 import math
 import struct
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -30,22 +40,32 @@ if TYPE_CHECKING:
 
     Encoder = Codec | SharedNetwork
 
-FORMAT = 1
-KEY = "neubtf"
+MAGIC = b"NBTF"
+FORMAT = 2
+FORMAT_1 = b'{"__metadata__":{"neubtf"'  # after 8 bytes: a safetensors file
+LENGTHS = struct.Struct("<II")  # of the deflated JSON, and of the JSON
+HASH_AT = len(MAGIC) + 1 + LENGTHS.size
+HASH_BYTES = 32
+START = HASH_AT + HASH_BYTES  # where the deflated JSON begins
+HEADER_LIMIT = 1 << 22  # bytes, of the JSON deflated or not: what a parser makes of them must not fill the memory
 SUFFIX = ".nbtf"
 MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or a network shared over materials
-ZEROS = b"0" * 64  # in place of the hash while the file is hashed
-LENGTH_BYTES = 8  # at the start of a safetensors file: the length of its header
-HEADER_LIMIT = 1 << 24  # bytes
 LEVEL = 19  # of Zstandard
 # All expanded parts of a file together may have this multiple of the file's bytes, or this many bytes if that is more.
 MOST_EXPANSION = 16
 LEAST_EXPANDED = 64 << 20  # 64 MiB
 PARTS = ("decoder", "texture", "encoder", "sampling", "other")
-# The dtypes that a codec may write. `ITEM_BYTES`: by safetensors' name, the bytes of one number. `HELD`: PyTorch's
-# names of the same dtypes, in the same order.
+# The dtypes that a codec may write: the name in a file → the bytes of one number. `HELD`: PyTorch's name of each.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
-HELD = ("float64", "float32", "float16", "bfloat16", "int64", "int32", "int16", "int8", "uint8", "bool")
+HELD = dict(
+    zip(
+        ITEM_BYTES,
+        ("float64", "float32", "float16", "bfloat16", "int64", "int32", "int16", "int8", "uint8", "bool"),
+        strict=True,
+    )
+)
+MOST_SIDES = 64  # of a tensor, the limit of PyTorch
+Entry = tuple[str, tuple[int, ...], int]  # dtype, shape, number of bytes of a tensor
 
 
 @dataclass(frozen=True)
@@ -57,7 +77,7 @@ class Header:
     version: int
     settings: dict[str, Any]
     sha256: str
-    tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, number of bytes
+    tensors: dict[str, Entry]  # by "part/name", in the order of the file
     file_bytes: int
     kind: str = MATERIAL
     lowest_light: float = 0.0  # cos θ of the lowest light that was fitted
@@ -101,38 +121,57 @@ def save(path: Path, codec: "Encoder", parts: "Parts", provenance: dict[str, Any
 
 
 def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None = None) -> bytes:
-    """The bytes of a codec file. The same parts give the same bytes."""
-    from safetensors.torch import save as serialise
-
+    """The bytes of a codec file. The same parts give the same bytes, with the same version of zlib."""
     from bench.codec import ZSTD, SharedNetwork, settings_dict
 
     _check_parts(codec, parts)
-    tensors: dict[str, Tensor] = {}
-    for part in PARTS:
-        tensors_of_part = {name: tensor.detach().cpu().contiguous() for name, tensor in getattr(parts, part).items()}
-        if codec.zstd and tensors_of_part:
-            tensors_of_part = {ZSTD: compressed(serialise(tensors_of_part))}
-        for name, tensor in tensors_of_part.items():
-            tensors[f"{part}/{name}"] = tensor
+    tensors: dict[str, dict[str, Tensor]] = {part: getattr(parts, part) for part in PARTS if getattr(parts, part)}
+    if codec.zstd:
+        tensors = {part: {ZSTD: compressed(b"".join(_packed({}, {part: tensors[part]})))} for part in tensors}
     settings = settings_dict(codec)
-    version = codec.version_of(settings)
-    metadata = {"format": FORMAT, "codec": codec.name, "version": version, "settings": settings}
-    metadata["sha256"] = ZEROS.decode()
+    fields: dict[str, Any] = {"codec": codec.name, "version": codec.version_of(settings), "settings": settings}
     if isinstance(codec, SharedNetwork):
-        metadata["kind"] = SHARED
+        fields["kind"] = SHARED
     if parts.lowest_light:
-        metadata["lowest_light"] = parts.lowest_light
+        fields["lowest_light"] = parts.lowest_light
     if parts.network:
-        metadata["shared"] = parts.network.sha256
+        fields["shared"] = parts.network.sha256
     if parts.scene:
-        metadata["scene"] = parts.scene
+        fields["scene"] = parts.scene
     if provenance:
-        metadata["provenance"] = provenance
-    data = serialise(tensors, {KEY: json.dumps(metadata, sort_keys=True, separators=(",", ":"))})
-    # The hash of the file with zeros in place of the hash; its 64 digits then replace the zeros. The header precedes
-    # the tensors, so the first such zeros are those of the header.
-    digits = hashlib.sha256(data).hexdigest().encode()
-    return data.replace(ZEROS, digits, 1)
+        fields["provenance"] = provenance
+    lengths, *body = _packed(fields, tensors)
+    start = MAGIC + bytes([FORMAT]) + lengths
+    return b"".join((start, _digest(start, *body), *body))
+
+
+def _packed(fields: dict[str, Any], tensors: "dict[str, dict[str, Tensor]]") -> list[bytes]:
+    """The two lengths, the deflated JSON of the fields and of {part: {name: tensor}}, and the bytes of each tensor."""
+    import torch
+
+    name_in_file = {held: name for name, held in HELD.items()}
+    listed: dict[str, dict[str, list[str | int]]] = {}
+    payload = []
+    for part in sorted(tensors):  # the order in which JSON with sorted keys has them
+        listed[part] = {}
+        for name, tensor in sorted(tensors[part].items()):
+            listed[part][name] = [name_in_file[str(tensor.dtype).removeprefix("torch.")], *tensor.shape]
+            payload.append(tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
+    text = json.dumps(fields | {"tensors": listed}, sort_keys=True, separators=(",", ":")).encode()
+    deflater = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)  # negative: without the header of zlib
+    deflated = deflater.compress(text) + deflater.flush()
+    longest = max(len(text), len(deflated))
+    if longest > HEADER_LIMIT:
+        raise EncodeError(f"a header of {longest:,} bytes, but the limit is {HEADER_LIMIT:,}: store fewer tensors")
+    return [LENGTHS.pack(len(deflated), len(text)), deflated, *payload]
+
+
+def _digest(start: bytes, *body: bytes | memoryview) -> bytes:
+    """The hash of a file: of what precedes it, of zeros in its own place, and of what follows it."""
+    digest = hashlib.sha256(start + bytes(HASH_BYTES))
+    for piece in body:
+        digest.update(piece)
+    return digest.digest()
 
 
 def _check_parts(codec: "Encoder", parts: object) -> None:
@@ -196,8 +235,8 @@ def _fault(tensor: "Tensor") -> str:
         return "is sparse: store its values and its indices as two tensors"
     if tensor.device.type == "meta":
         return "is on the device meta, so it has no values: store a tensor with values"
-    if dtype not in HELD:
-        return f"is of type {dtype}, which a file does not hold: convert it to one of {', '.join(HELD)}"
+    if dtype not in HELD.values():
+        return f"is of type {dtype}, which a file does not hold: convert it to one of {', '.join(HELD.values())}"
     if tensor.is_floating_point() and not tensor.isfinite().all():
         bad = int((~tensor.isfinite()).sum())
         return f"holds {bad:,} of {tensor.numel():,} numbers that are not finite: guard the fit against them"
@@ -206,46 +245,51 @@ def _fault(tensor: "Tensor") -> str:
 
 def read_header(path: Path) -> Header:
     """Check a codec file against its own hash and read its header. `ContainerError` says what is wrong."""
-    data = _read(Path(path))
-    return _checked_header(Path(path), data)
+    header, _ = _checked(Path(path), _read(Path(path)))
+    return header
 
 
 def read_parts(path: Path) -> "tuple[Header, Parts]":
     """Check a codec file against its own hash and read its tensors. `ContainerError` says what is wrong."""
-    from safetensors import SafetensorError
-    from safetensors.torch import load as deserialise
-
     from bench.codec import ZSTD, Parts
 
     data = _read(Path(path))
-    header = _checked_header(Path(path), data)
+    header, payload = _checked(Path(path), data)
     parts = Parts(lowest_light=header.lowest_light)
     # Bytes that the remaining parts may still expand to: a small damaged file must not fill the memory.
     budget = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))
-    try:
-        stored = deserialise(data)
-    except (SafetensorError, ValueError) as error:
-        raise ContainerError(f"{path}: its safetensors header is not sound ({error})") from error
-    for full, tensor in stored.items():
+    for full, tensor in _loaded(str(path), header.tensors, payload).items():
         part, name = full.split("/", 1)
-        if header.settings.get(ZSTD):  # the tensor is a compressed file of all tensors of this part
+        tensors = {full: tensor}
+        if header.settings.get(ZSTD):  # the tensor holds all tensors of this part, compressed
             tensors = expanded(tensor, Path(path), budget)
-        else:
-            tensors = {name: tensor}
-        budget -= sum(values.nbytes for values in tensors.values())
-        bad = _not_finite(tensors)
-        if bad:  # no codec writes such numbers
-            raise ContainerError(f"{path}: tensor {part}/{bad} holds numbers that are not finite")
-        getattr(parts, part).update(tensors)
+            if name != ZSTD or any(not inner.startswith(f"{part}/") for inner in tensors):
+                raise ContainerError(f"{path}: a compressed part holds tensors of another, or is not alone in its own")
+            budget -= sum(values.nbytes for values in tensors.values())
+        getattr(parts, part).update({inner.split("/", 1)[1]: values for inner, values in tensors.items()})
     return header, parts
 
 
-def _not_finite(tensors: "dict[str, Tensor]") -> str:
-    """The name of the first tensor with a number that is not finite; "" if there is none."""
-    for name, tensor in tensors.items():
+def _loaded(label: str, entries: Mapping[str, Entry], payload: memoryview) -> "dict[str, Tensor]":
+    """The tensors of a payload by "part/name", each a copy in memory of its own. `label` names the file in errors.
+
+    `ContainerError` if numbers are not finite, or a truth value is neither 0 nor 1: no codec writes these.
+    """
+    import torch
+
+    tensors = {}
+    begin = 0
+    for name, (dtype, shape, size) in entries.items():
+        tensor = torch.empty(shape, dtype=getattr(torch, HELD[dtype]))
+        numbers = tensor.reshape(-1).view(torch.uint8)
+        numbers.numpy().data[:] = payload[begin : begin + size]
+        begin += size
         if tensor.is_floating_point() and not tensor.isfinite().all():
-            return name
-    return ""
+            raise ContainerError(f"{label}: tensor {name} holds numbers that are not finite")
+        if tensor.dtype == torch.bool and (numbers > 1).any():
+            raise ContainerError(f"{label}: tensor {name} holds truth values other than 0 and 1")
+        tensors[name] = tensor
+    return tensors
 
 
 def _read(path: Path) -> bytes:
@@ -257,99 +301,138 @@ def _read(path: Path) -> bytes:
         raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-def _checked_header(path: Path, data: bytes) -> Header:
-    """The header of a file's bytes. `ContainerError` if they are no codec file, or not as it was written."""
-    header = _json_header(path, data)
-    metadata = _taken_metadata(path, header)  # what is left in `header` is an entry for each tensor
-    digits = str(metadata["sha256"]).encode()
-    # The file was hashed with zeros in place of the digits: see `to_bytes`.
-    if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
-        raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
-    tensors = {name: _tensor_entry(path, name, entry) for name, entry in header.items()}
-    return Header(
-        path=path,
-        codec=metadata["codec"],
-        version=metadata["version"],
-        settings=metadata["settings"],
-        sha256=metadata["sha256"],
-        tensors=tensors,
-        file_bytes=len(data),
-        kind=metadata.get("kind", MATERIAL),
-        lowest_light=metadata.get("lowest_light", 0.0),
-        scene=dict(metadata.get("scene", {})),
-        network=metadata.get("shared", ""),
-        provenance=metadata.get("provenance", {}),
-    )
+def _checked(path: Path, data: bytes) -> tuple[Header, memoryview]:
+    """The header of a file's bytes, and the bytes of its tensors.
 
-
-def _json_header(path: Path, data: bytes) -> dict[str, Any]:
-    """The safetensors header: 8 bytes of length, then JSON of name → {dtype, shape, data_offsets}."""
-    length = 0
-    if len(data) >= LENGTH_BYTES:
-        (length,) = struct.unpack("<Q", data[:LENGTH_BYTES])  # a little-endian unsigned integer
-    end_of_header = LENGTH_BYTES + length
-    shortest = len(b"{}")
-    if not shortest <= length <= HEADER_LIMIT or not data.startswith(b"{", LENGTH_BYTES):
-        raise ContainerError(f"{path}: not a codec file (no safetensors header)")
-    if end_of_header > len(data):
-        short = f"it has {len(data)} bytes, but its header needs {end_of_header}"
-        raise ContainerError(f"{path}: truncated: {short}: copy it again")
-    try:
-        header = json.loads(data[LENGTH_BYTES:end_of_header])
-        end = 0  # where the last tensor ends, in bytes after the header
-        for name, entry in header.items():
-            if name == "__metadata__":
-                continue
-            begin_of_tensor, end_of_tensor = entry["data_offsets"]
-            if not (_is_size_or_place(begin_of_tensor) and _is_size_or_place(end_of_tensor)):
-                raise ValueError
-            end = max(end, end_of_tensor)
-        missing = end_of_header + end - len(data)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ContainerError(f"{path}: not a codec file (its safetensors header is not sound)") from error
-    if missing > 0:
-        raise ContainerError(f"{path}: truncated: {missing} bytes are missing at its end: copy it again")
-    return header
-
-
-def _taken_metadata(path: Path, header: dict[str, Any]) -> FileMetadata:
-    """The suite's own metadata; takes it out of the safetensors header, so that only tensors are left there."""
-    try:
-        metadata = json.loads(header.pop("__metadata__")[KEY])
-        newer = isinstance(metadata["format"], int) and metadata["format"] > FORMAT
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
-    if newer:
-        raise ContainerError(
-            f"{path}: format {metadata['format']} is newer than this version reads ({FORMAT}): upgrade"
-        )
-    fault = record_fields.fault_of(FileMetadata, metadata)  # "" if it has every field, each of its type
-    if fault:
-        raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {fault}: encode it again")
-    return metadata
-
-
-def _is_size_or_place(value: object) -> bool:
-    """Whether a value of JSON is a whole number from 0 to below 2^48, the range of sizes and of places in a file."""
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
-
-
-def _tensor_entry(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
-    """The dtype, shape and number of bytes of a tensor, from its entry in the header.
-
-    `ContainerError` if they contradict each other, or if the name is not that of a part and a tensor.
+    `ContainerError` if they are no codec file, or not as it was written.
     """
+    _check_start(path, data)
+    body = memoryview(data)[START:]
+    fields, entries, payload = _opened(str(path), data[len(MAGIC) + 1 : HASH_AT], body)
+    digest = data[HASH_AT:START]
+    if _digest(data[:HASH_AT], body) != digest:
+        raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
+    fault = record_fields.fault_of(FileMetadata, fields)  # "" if it has every field, each of its type
+    if fault:
+        raise ContainerError(f"{path}: its header is not sound: {fault}: encode it again")
+    header = Header(
+        path=path,
+        codec=fields["codec"],
+        version=fields["version"],
+        settings=fields["settings"],
+        sha256=digest.hex(),
+        tensors=entries,
+        file_bytes=len(data),
+        kind=fields.get("kind", MATERIAL),
+        lowest_light=fields.get("lowest_light", 0.0),
+        scene=fields.get("scene", {}),
+        network=fields.get("shared", ""),
+        provenance=fields.get("provenance", {}),
+    )
+    return header, payload
+
+
+def _check_start(path: Path, data: bytes) -> None:
+    """`ContainerError` unless bytes begin as a codec file of this format."""
+    if data.startswith(FORMAT_1, 8):
+        raise ContainerError(f"{path}: a file of format 1, which this version does not read: encode it again")
+    if not data.startswith(MAGIC):
+        raise ContainerError(f"{path}: not a codec file (it does not begin with {MAGIC.decode()})")
+    if len(data) < START:
+        short = f"it has {len(data)} bytes, but the start of a codec file needs {START}"
+        raise ContainerError(f"{path}: truncated: {short}: copy it again")
+    found = data[len(MAGIC)]
+    if found > FORMAT:
+        raise ContainerError(f"{path}: format {found} is newer than this version reads ({FORMAT}): upgrade")
+    if found < FORMAT:
+        raise ContainerError(f"{path}: not a codec file (no format {found} begins with {MAGIC.decode()})")
+
+
+def _opened(label: str, lengths: bytes, body: memoryview) -> tuple[dict[str, Any], dict[str, Entry], memoryview]:
+    """The fields of the JSON other than the tensors, an entry for each tensor by "part/name", and the tensors' bytes.
+
+    `body` is all that follows the lengths and the hash. `ContainerError` unless it is exactly as long as the lengths
+    and the entries say; `label` names the file in it.
+    """
+    deflated, expanded_bytes = LENGTHS.unpack(lengths)
+    longest = max(deflated, expanded_bytes)
+    if longest > HEADER_LIMIT:
+        raise ContainerError(f"{label}: a header of {longest:,} bytes, but the limit is {HEADER_LIMIT:,}")
+    if deflated > len(body):
+        short = f"its header has {len(body)} of {deflated} bytes"
+        raise ContainerError(f"{label}: truncated: {short}: copy it again")
+    fields = _json_header(label, body[:deflated], expanded_bytes)
+    entries = _entries(label, fields.pop("tensors", None))
+    payload = body[deflated:]
+    missing = sum(size for _, _, size in entries.values()) - len(payload)
+    if missing > 0:
+        raise ContainerError(f"{label}: truncated: {missing} bytes are missing at its end: copy it again")
+    if missing < 0:
+        raise ContainerError(f"{label}: {-missing} bytes follow its last tensor: copy it again")
+    return fields, entries, payload
+
+
+def _json_header(label: str, deflated: memoryview, size: int) -> dict[str, Any]:
+    """The object of a deflated JSON of exactly `size` bytes. `ContainerError` if it is damaged."""
+    inflater = zlib.decompressobj(-zlib.MAX_WBITS)
     try:
-        begin, end = entry["data_offsets"]
-        shape = tuple(entry["shape"])
-        part, slash, _ = name.partition("/")
-        if part not in PARTS or not slash or not all(map(_is_size_or_place, shape)):
-            raise ValueError
-        if end - begin != ITEM_BYTES[entry["dtype"]] * math.prod(shape):
-            raise ValueError
-    except (KeyError, ValueError, TypeError) as error:
-        raise ContainerError(f"{path}: tensor {name!r:.60} is not sound") from error
-    return entry["dtype"], shape, end - begin
+        text = inflater.decompress(deflated, size + 1)  # one more byte at most, which would say that the size is wrong
+        if len(text) != size or not inflater.eof or inflater.unused_data:
+            raise ValueError(f"not {size} bytes of JSON")
+        fields = json.loads(text, object_pairs_hook=_without_duplicates)
+        if not isinstance(fields, dict):
+            raise ValueError("no object")
+    except (zlib.error, ValueError, RecursionError) as error:
+        raise ContainerError(f"{label}: its header is not sound ({error!s:.80}): copy it again") from error
+    return fields
+
+
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON; `ValueError` if it has a name twice."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a name occurs twice")
+    return found
+
+
+def _entries(label: str, tensors: object) -> dict[str, Entry]:
+    """The entry of each tensor by "part/name", of {part: {name: [dtype, sides of the shape …]}}.
+
+    `ContainerError` if there is no such part, or a dtype or a shape is not possible.
+    """
+    if not isinstance(tensors, dict):
+        raise ContainerError(f"{label}: its header lists no tensors: encode it again")
+    entries = {}
+    for part, named in tensors.items():
+        if part not in PARTS or not isinstance(named, dict):
+            raise ContainerError(f"{label}: its header has an unknown part {shown(part)}: encode it again")
+        for name, listed in named.items():
+            full = f"{part}/{name}"
+            try:
+                if not _encodable(name):
+                    raise ValueError
+                entries[full] = _entry(listed)
+            except (KeyError, ValueError, TypeError) as error:
+                raise ContainerError(f"{label}: tensor {full!r:.60} is not sound") from error
+    return entries
+
+
+def _entry(listed: object) -> Entry:
+    """The dtype, shape and number of bytes of [dtype, sides of the shape …]; an error of Python's if it is not so."""
+    if not isinstance(listed, list):
+        raise TypeError
+    dtype, *shape = listed
+    if len(shape) > MOST_SIDES or not all(map(_is_size, shape)):
+        raise ValueError
+    # Not even the sides beside a side of 0 may be beyond all measure: PyTorch's strides would overflow.
+    if not _is_size(ITEM_BYTES[dtype] * math.prod(max(side, 1) for side in shape)):
+        raise ValueError
+    return dtype, tuple(shape), ITEM_BYTES[dtype] * math.prod(shape)
+
+
+def _is_size(value: object) -> bool:
+    """Whether a value of JSON is a whole number from 0 to below 2^48, the range of sizes."""
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
 
 
 def compressed(data: bytes) -> "Tensor":
@@ -361,20 +444,20 @@ def compressed(data: bytes) -> "Tensor":
 
 
 def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
-    """Expand a compressed safetensors file of at most `most` bytes. `ContainerError` if it is damaged."""
-    from safetensors import SafetensorError
-    from safetensors.torch import load
-
+    """The tensors, by "part/name", of a compressed part of at most `most` bytes. `ContainerError` if it is damaged."""
     zstandard = _zstandard(str(path))
+    label = f"{path}: a compressed part"
     if str(payload.dtype) != "torch.uint8":
-        raise ContainerError(f"{path}: a compressed part is {payload.dtype}, not bytes")
-    data = payload.numpy().tobytes()
+        raise ContainerError(f"{label} is {payload.dtype}, not bytes")
+    packed = payload.numpy().tobytes()
     try:
-        if not 0 <= zstandard.frame_content_size(data) <= most:
-            raise ContainerError(f"{path}: a compressed part gives no size, or one far too large for the file")
-        return load(zstandard.ZstdDecompressor().decompress(data))
-    except (zstandard.ZstdError, SafetensorError) as error:
-        raise ContainerError(f"{path}: a compressed part is not sound ({error})") from error
+        if not LENGTHS.size <= zstandard.frame_content_size(packed) <= most:
+            raise ContainerError(f"{label} gives no size, or one too small for a header or far too large for the file")
+        data = memoryview(zstandard.ZstdDecompressor().decompress(packed))
+    except zstandard.ZstdError as error:
+        raise ContainerError(f"{label} is not sound ({error})") from error
+    _, entries, numbers = _opened(label, bytes(data[: LENGTHS.size]), data[LENGTHS.size :])
+    return _loaded(label, entries, numbers)
 
 
 def _zstandard(what: str) -> ModuleType:

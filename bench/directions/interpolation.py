@@ -26,6 +26,7 @@ MOST_CANDIDATES = 4096  # in a cell; a file with more is not a measurement, but 
 BLOCK = 1 << 22  # queries × candidates that are searched at once
 SHEPARD_NEIGHBOURS = 8
 UNIT = 1e-3  # tolerance of a stored direction's length, and of its distance below the horizon
+MOST_IMPLIED = 1 << 16  # pairs that views and lights tell: a small file could name too many for memory
 ROUNDING = 1e-4  # in float32, barycentric weights of a sample itself may be as low as −2e-5
 
 
@@ -280,8 +281,15 @@ class PairInterpolator(nn.Module):
 
 
 def pack_layout(layout: Layout) -> dict[str, Tensor]:
-    """Pack the distinct views and lights, and each pair's indices into them (N, 2), in the smallest integer type."""
-    pairs = torch.from_numpy(np.stack([layout.view, layout.light], 1))
+    """Pack the distinct views and lights, and each pair's indices into them (N, 2), in the smallest integer type.
+
+    Pairs that run through all products of views and lights, with the lights fastest or the views, need no indices.
+    """
+    sides = {"views": torch.from_numpy(layout.views), "lights": torch.from_numpy(layout.lights)}
+    pairs = np.stack([layout.view, layout.light], 1)
+    views_fastest = _views_fastest(layout)
+    if views_fastest is not None and len(pairs) <= MOST_IMPLIED:
+        return sides | ({"views_fastest": torch.ones(1, dtype=torch.uint8)} if views_fastest else {})
     most = max(len(layout.views), len(layout.lights))
     if most <= 256:
         dtype = torch.uint8
@@ -289,25 +297,55 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
         dtype = torch.int16
     else:
         dtype = torch.int32
-    return {
-        "views": torch.from_numpy(layout.views),
-        "lights": torch.from_numpy(layout.lights),
-        "pairs": pairs.to(dtype),
-    }
+    return sides | {"pairs": torch.from_numpy(pairs).to(dtype)}
+
+
+def _product(views: int, lights: int, views_fastest: bool) -> np.ndarray:
+    """The indices (views · lights, 2) of all views with all lights, in row order with the lights fastest, or the
+    views."""
+    if views_fastest:
+        light, view = np.divmod(np.arange(views * lights), views)
+    else:
+        view, light = np.divmod(np.arange(views * lights), lights)
+    return np.stack([view, light], 1)
+
+
+def _views_fastest(layout: Layout) -> bool | None:
+    """Whether the pairs run through a product with the views fastest, or with the lights; None if they do neither."""
+    pairs = np.stack([layout.view, layout.light], 1)
+    for views_fastest in (False, True):
+        if np.array_equal(pairs, _product(len(layout.views), len(layout.lights), views_fastest)):
+            return views_fastest
+    return None
+
+
+def picture_of_pairs(layout: Layout) -> tuple[int, int]:
+    """The size (H, W) of the picture that the N pairs of a layout are, row by row: views by lights, or lights by views,
+    where neighbours are near directions; 1 by N if the pairs do not run through a product in order."""
+    views_fastest = _views_fastest(layout)
+    if views_fastest is None:
+        return 1, len(layout.view)
+    views, lights = len(layout.views), len(layout.lights)
+    return (lights, views) if views_fastest else (views, lights)
 
 
 def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     """Unpack the layout that `pack_layout` packed; `rows` is the number of pairs of the table, None if there is no
     table to fit. Raises `KeyError` if a tensor is missing, `ValueError` if one is invalid or does not fit the table."""
-    pairs = parts["pairs"].long().numpy()
     views = parts["views"].float().numpy()
     lights = parts["lights"].float().numpy()
-    for side, index in ((views, pairs[:, 0]), (lights, pairs[:, 1])):
+    for side in (views, lights):
         # Bounded first, so that the squares of a norm cannot overflow.
-        bounded = side.shape[1:] == (3,) and side.min() >= -1 - UNIT and side.max() <= 1 + UNIT
+        bounded = side.shape[1:] == (3,) and len(side) and side.min() >= -1 - UNIT and side.max() <= 1 + UNIT
         if not bounded or not (np.abs(np.linalg.norm(side, axis=1) - 1) < UNIT).all() or side[:, 2].min() < -UNIT:
             raise ValueError("its directions are not unit vectors of the upper hemisphere")
-        expected = len(index) if rows is None else rows
-        if not 0 < len(index) == expected or index.min() < 0 or index.max() >= len(side):
-            raise ValueError("its pairs are not those of its table and directions")
+    if "pairs" in parts:
+        pairs = parts["pairs"].long().numpy()
+        low, high = pairs.min(0, initial=0), pairs.max(0, initial=0)
+        sound = pairs.shape[1:] == (2,) and low.min() >= 0 and high[0] < len(views) and high[1] < len(lights)
+    else:
+        sound = len(views) * len(lights) <= MOST_IMPLIED  # before they are made
+        pairs = _product(len(views), len(lights), "views_fastest" in parts) if sound else np.empty((0, 2), np.int64)
+    if not sound or len(pairs) == 0 or rows not in (None, len(pairs)):
+        raise ValueError("its pairs are not those of its table and directions")
     return Layout(views, lights, pairs[:, 0], pairs[:, 1])

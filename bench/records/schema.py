@@ -343,11 +343,9 @@ class FileScene(TypedDict):
 class FileMetadata(TypedDict, total=False):
     """What the header of a codec file says of it, besides its tensors."""
 
-    format: Required[Count]
     codec: Required[Text]
     version: Required[Count]
     settings: Required[dict[str, Annotated[bool | int | float | str, kinds.ANY_SETTING]]]
-    sha256: Required[Digits]
     kind: Literal["material", "shared"]
     lowest_light: Annotated[float, kinds.COSINE]  # cos θ of the lowest light that was fitted
     scene: FileScene

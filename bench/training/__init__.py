@@ -8,7 +8,15 @@ from bench.training.fitting import LogLoss, Loss, Objective, distance, train
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.optimiser import Optimiser, ParameterGroup, groups_of
 from bench.training.samples import Batch, Samples, gain_of
-from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
+from bench.training.stored_texture import (
+    Bits,
+    Rounding,
+    load_table,
+    load_texture,
+    round_after,
+    store_table,
+    store_texture,
+)
 from bench.training.texture_codes import MOST_CODES, compress, expand
 from bench.training.texture_fit import (
     DirectedObjective,

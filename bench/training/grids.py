@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from bench.btf import periods
 from bench.inputs.errors import InputError
 from bench.inputs.settings import IF_SET, Range
 from bench.training.decoder import Architecture, Decoder
@@ -111,18 +112,24 @@ class Offset(nn.Module):
     a view between them sees it half a period away: docs/relief.md.
     """
 
-    def __init__(self, width: int, generator: torch.Generator | None = None):
+    def __init__(self, width: int, size: tuple[int, int], generator: torch.Generator | None = None):
+        """Make the network, of `width` hidden channels, for a picture of `size` (H, W)."""
         super().__init__()
+        # (2,): the longer side in uv along u and along v. 1 and 1 of a square picture.
+        self.periods = nn.Buffer(torch.tensor(periods(size)), persistent=False)
         self.decoder = Decoder(Architecture(OFFSET_CHANNELS + 3, (width,), outputs=1), generator)  # and x, y, z of ω_o
         self.gate = nn.Parameter(torch.zeros(1))
 
     @property
     def flops(self) -> int:
         """Operations of one sample, a fused multiply-add counted as two."""
-        return self.decoder.architecture.flops + 7  # those of `moved`
+        return self.decoder.architecture.flops + 9  # those of `moved`
 
     def moved(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
-        """uv (n, 2), moved by the depth that latents (n, 4) there have for views wo (n, 3)."""
+        """uv (n, 2), moved by the depth that latents (n, 4) there have for views wo (n, 3).
+
+        Depths are in units of the picture's longer side, so that a depth moves as far along u as along v.
+        """
         depth = self.gate * self.decoder(torch.cat([latents, wo.to(latents.dtype)], 1)).tanh()
         slope = wo[:, :2] / wo[:, 2:].clamp_min(LOWEST)  # sideways for each unit of depth
-        return uv + depth.to(uv.dtype) * slope.to(uv.dtype)
+        return uv + depth.to(uv.dtype) * slope.to(uv.dtype) * self.periods.to(uv.dtype)

@@ -234,6 +234,28 @@ def store_texture(name: str, values: Tensor, rounding: Rounding, sizes: Sizes = 
     }
 
 
+@torch.no_grad()
+def store_table(name: str, table: Tensor, rounding: Rounding, axis: int) -> dict[str, Tensor]:
+    """A table (H, W, A, B) as named tensors for `load_table`: a picture (H, W) of A · B channels, B the fastest.
+
+    The rounding has the channels of `axis`, 2 or 3; those along the other axis share their bits and steps.
+    """
+    if rounding.wanted > MOST_BITS or not table.numel():
+        return pack(name, table, "float32" if rounding.wanted == 32 else "half")
+    codes = rounding.codes(table.movedim(axis, 3)).movedim(3, axis)  # (H, W, A, B)
+    bits = rounding.bits.expand(table.shape[5 - axis], -1)  # 5 − axis is the other axis
+    if axis == 2:
+        bits = bits.T  # (A, B)
+    size = list(table.shape)
+    del size[axis]  # as many as there are steps
+    return {
+        name: compress(codes.flatten(2), bits.flatten().tolist()),
+        f"{name}.low": rounding.low,
+        f"{name}.step": rounding.step,
+        f"{name}.size": torch.tensor(size, dtype=torch.int32),
+    }
+
+
 def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str, Tensor]:
     """A texture (…, C) as named tensors; each channel gets the bits that it has in another texture, `other`, which
     `store_texture` stored under the same name."""
@@ -251,9 +273,31 @@ def load_texture(name: str, tensors: dict[str, Tensor], sizes: Sizes = None) -> 
     """The texture (…, C), float32, that `store_texture` stored. `InputError` if the bytes hold no such texture."""
     if f"{name}.step" not in tensors:
         return unpack(name, tensors)
+    low, step = _steps(name, tensors)
+    shape = (*tensors[f"{name}.size"].tolist(), len(step))
+    return expand(tensors[name], shape, sizes) * step + low
+
+
+def load_table(name: str, tensors: dict[str, Tensor], axis: int) -> Tensor:
+    """The table (H, W, A, B), float32, that `store_table` stored. `InputError` if the bytes hold no such table."""
+    if f"{name}.step" not in tensors:
+        table = unpack(name, tensors)
+        if table.ndim == 4:
+            return table
+    else:
+        low, step = _steps(name, tensors)
+        size = tensors[f"{name}.size"].tolist()
+        size.insert(axis, len(step))
+        if len(size) == 4:
+            codes = expand(tensors[name], (*size[:2], size[2] * size[3])).unflatten(2, size[2:])
+            return (codes.movedim(axis, 3) * step + low).movedim(3, axis).contiguous()
+    raise InputError("a table of this file has not four axes: encode it again")
+
+
+def _steps(name: str, tensors: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+    """The lowest value and the step (C,) of each channel."""
     low, step = tensors[f"{name}.low"], tensors[f"{name}.step"]
     if step.ndim != 1 or low.shape != step.shape:  # other shapes would be broadcast over all codes
         shapes = f"{tuple(step.shape)} from {tuple(low.shape)}"
         raise InputError(f"a texture of this file has steps {shapes}: encode it again")
-    shape = (*tensors[f"{name}.size"].tolist(), len(step))
-    return expand(tensors[name], shape, sizes) * step + low
+    return low, step

@@ -35,7 +35,7 @@ def test_a_texel_is_decoded_by_its_own_cluster(tmp_path: Path) -> None:
     parts = codec.encode(btf, Fit())
     material = stored(codec, btf, tmp_path)
     label = unpack_index(parts.texture["clusters"], 144, int(parts.other["count"])).reshape(12, 12)
-    table = parts.decoder["components"].numpy().reshape(25, 3, -1, 3)[7]
+    table = parts.decoder["components"].numpy().reshape(25, -1, 3, 3)[7].transpose(2, 0, 1)
     known = np.concatenate([np.ones((12, 12, 1)), parts.texture["coefficients"].numpy()], 2)
     level = np.einsum("chwk,hwk->hwc", table[:, label.numpy()], known)
     radiance = np.expm1(level.clip(0)) / float(parts.other["gain"])

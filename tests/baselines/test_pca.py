@@ -41,8 +41,8 @@ def test_at_a_rank_it_is_as_good_as_scikit_learn(monkeypatch: pytest.MonkeyPatch
     reference = decomposition.PCA(rank, svd_solver="full").fit(rows)
     best = np.linalg.norm(reference.inverse_transform(reference.transform(rows)) - rows)
     parts = PCA(components=rank, domain="rgb", **FLOAT32).encode(btf, Fit())
-    basis, mean = parts.decoder["basis"], parts.decoder["mean"]
-    got = torch.einsum("hwk,pck->hwpc", parts.texture["coefficients"], basis) + mean
+    basis, mean = parts.decoder["basis"].flatten(0, 1), parts.decoder["mean"]  # (N, k, 3) and (N, 3)
+    got = torch.einsum("hwk,pkc->hwpc", parts.texture["coefficients"], basis) + mean
     error = np.linalg.norm(got.reshape(400, 300).numpy() - rows)
     assert best * (1 - 1e-5) <= error <= best * (1 + 1e-3)
 

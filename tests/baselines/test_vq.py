@@ -42,6 +42,13 @@ def test_more_codes_and_more_stages_come_nearer() -> None:
     assert errors[0] > errors[1] > errors[2]
 
 
+def test_many_codes_below_each_other_are_those_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    btf = tiny_btf()
+    beside = decoded(VQ(codes=6), btf)
+    monkeypatch.setattr("baselines.vq.MOST_BESIDE", 5)
+    assert np.array_equal(slices(decoded(VQ(codes=6), btf), btf), slices(beside, btf))
+
+
 @pytest.mark.parametrize("codes", [1, 2, 3, 32, 33, 1000])
 def test_an_index_takes_the_bits_it_needs(codes: int) -> None:
     label = np.random.default_rng(codes).integers(0, codes, 77)

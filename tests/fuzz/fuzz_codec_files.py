@@ -2,16 +2,17 @@
 
     python tests/fuzz/fuzz_codec_files.py [--count 2000] [--seed 0] [--only CODEC ...] [--again N]
 
-Each mutation changes the JSON header, the metadata or the tensors of a small file, and the hash is computed again. Of
+Each mutation changes the fields, the list of tensors or the numbers of a small file, and the hash is computed again. Of
 a codec with a network for all materials either file is changed, and the material names the network by its new hash.
 See `fuzzing.py` for limits and exit code.
 """
 
 import hashlib
 import json
+import math
 import random
-import struct
 import sys
+import zlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -43,79 +44,104 @@ def small(name: str, folder: Path) -> None:
     container.save(folder / f"small-{name}.nbtf", codec, codec.encode(tiny_btf(5, 3, 3), fit))
 
 
-def sealed(header: dict, says: dict, body: bytes) -> bytes:
+def sealed(tensors: object, says: dict, body: bytes) -> bytes:
     """A codec file of these parts, with its hash computed again."""
-    header = header | {"__metadata__": {container.KEY: json.dumps(says | {"sha256": container.ZEROS.decode()})}}
-    text = json.dumps(header).encode()
-    text += b" " * (-len(text) % 8)
-    data = struct.pack("<Q", len(text)) + text + body
-    return data.replace(container.ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
+    return sealed_text(json.dumps(says | {"tensors": tensors}).encode(), body)
+
+
+def sealed_text(text: bytes, body: bytes, garbage: bytes = b"", claimed: int | None = None) -> bytes:
+    """A codec file of a header's bytes, with garbage behind the stream, or another size claimed than that of it."""
+    deflater = zlib.compressobj(wbits=-15)
+    deflated = deflater.compress(text) + deflater.flush() + garbage
+    lengths = container.LENGTHS.pack(len(deflated), len(text) if claimed is None else claimed)
+    return rehashed(container.MAGIC + bytes([container.FORMAT]) + lengths + bytes(32) + deflated + body)
+
+
+def rehashed(data: bytes) -> bytes:
+    """A codec file with its hash computed again."""
+    start, rest = data[: container.HASH_AT], data[container.START :]
+    return start + hashlib.sha256(start + bytes(32) + rest).digest() + rest
 
 
 def parted(content: bytes) -> tuple[dict, dict, bytearray]:
-    """The header, the metadata and the tensors of a codec file."""
-    length = struct.unpack("<Q", content[:8])[0]
-    header = json.loads(content[8 : 8 + length])
-    return header, json.loads(header.pop("__metadata__")[container.KEY]), bytearray(content[8 + length :])
+    """The tensors by part, as the header lists them, its other fields, and the numbers of a codec file."""
+    end = container.START + container.LENGTHS.unpack(content[5 : container.HASH_AT])[0]
+    says = json.loads(zlib.decompress(content[container.START : end], wbits=-15))
+    return says.pop("tensors"), says, bytearray(content[end:])
 
 
 def resealed(path: Path, change: Callable[[dict, dict], object]) -> None:
-    """Changes the metadata and the header of a codec file, and computes its hash again."""
-    header, says, body = parted(path.read_bytes())
-    change(says, header)
-    path.write_bytes(sealed(header, says, bytes(body)))
+    """Changes the fields and the list of tensors of a codec file, and computes its hash again."""
+    tensors, says, body = parted(path.read_bytes())
+    change(says, tensors)
+    path.write_bytes(sealed(tensors, says, bytes(body)))
 
 
 def mutated(content: bytes, rng: random.Random) -> bytes:
     """The file with one to three changes that its author never made."""
-    header, says, body = parted(content)
+    tensors, says, body = parted(content)
     for _ in range(rng.randint(1, 3)):
-        rng.choice((_field, _setting, _entry, _shape, _renamed, _bytes))(header, says, body, rng)
-    return sealed(header, says, bytes(body))
+        rng.choice((_field, _setting, _entry, _shape, _renamed, _bytes))(tensors, says, body, rng)
+    return sealed(tensors, says, bytes(body))
 
 
-def _field(header: dict, says: dict, body: bytearray, rng: random.Random) -> None:
+def _field(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> None:
     if rng.random() < 0.3:  # a scene that is whole but for one field
         says["scene"] = SCENE | {rng.choice([*SCENE]): rng.choice([*VALUES, [10**9, 10**9], [0, 0, 5, 5]])}
         return
     says[rng.choice([*says, "scene", "shared", "kind", "provenance"])] = rng.choice(VALUES)
 
 
-def _setting(header: dict, says: dict, body: bytearray, rng: random.Random) -> None:
+def _setting(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> None:
     if isinstance(says["settings"], dict):
         says["settings"][rng.choice([*says["settings"], "zstd", "other"])] = rng.choice(VALUES)
 
 
-def _entry(header: dict, says: dict, body: bytearray, rng: random.Random) -> None:
-    name = rng.choice(list(header))
-    if isinstance(header[name], dict):
-        header[name][rng.choice(("dtype", "shape", "data_offsets"))] = rng.choice([*VALUES, *TYPES])
+def _entry(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> None:
+    """Another value in place of a part, of a tensor's entry, of its dtype or of a side; or one side more."""
+    part = rng.choice(list(tensors))
+    if not isinstance(tensors[part], dict) or not tensors[part] or rng.random() < 0.1:
+        tensors[part] = rng.choice(VALUES)
+        return
+    name = rng.choice(list(tensors[part]))
+    entry = tensors[part][name]
+    if not isinstance(entry, list) or not entry or rng.random() < 0.1:
+        tensors[part][name] = rng.choice([*VALUES, ["U8"] + [0, 2**47] * 3, ["U8"] + [1] * 99])
+    elif rng.random() < 0.2:
+        entry.append(rng.choice(VALUES))
+    else:
+        entry[rng.randrange(len(entry))] = rng.choice([*VALUES, *TYPES])
 
 
-def _shape(header: dict, says: dict, body: bytearray, rng: random.Random) -> None:
+def _shape(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> None:
     """Another shape or type of as many bytes, which only the codec can find wrong."""
-    entry = header[rng.choice(list(header))]
     try:
-        size = entry["data_offsets"][1] - entry["data_offsets"][0]
-        entry["dtype"] = dtype = rng.choice(TYPES)
+        entry = rng.choice([entry for named in tensors.values() for entry in named.values()])
+        size = container.ITEM_BYTES[entry[0]] * math.prod(entry[1:])
+        dtype = rng.choice(TYPES)
         count = size // container.ITEM_BYTES[dtype]
-        factor = rng.choice([n for n in range(1, count + 1) if count % n == 0] or [1])
-        entry["shape"] = rng.choice(
-            ([count], [factor, count // factor], [count // factor, factor, 1], [1, 1, 1, count])
-        )
-    except (TypeError, KeyError, IndexError):
+        factor = rng.choice([n for n in range(1, min(count, 10_000) + 1) if count % n == 0] or [1])
+        shapes = ([count], [factor, count // factor], [count // factor, factor, 1], [1, 1, 1, count])
+        entry[:] = [dtype, *rng.choice(shapes)]
+    except (AttributeError, TypeError, KeyError, IndexError):  # an earlier change left no such entry
         pass
 
 
-def _renamed(header: dict, says: dict, body: bytearray, rng: random.Random) -> None:
-    name = rng.choice(list(header))
-    part, _, rest = name.partition("/")
-    header[rng.choice((f"texture/{rest}", f"other/{rest}", f"{part}/x", rest, "decoder/zstd", name + ".scale"))] = (
-        header.pop(name)
+def _renamed(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> None:
+    part = rng.choice(list(tensors))
+    if not isinstance(tensors[part], dict) or not tensors[part]:
+        tensors[rng.choice(("texture", "other", "x"))] = tensors.pop(part)
+        return
+    name = rng.choice(list(tensors[part]))
+    entry = tensors[part].pop(name)
+    new_part, new_name = rng.choice(
+        (("texture", name), ("other", name), (part, "x"), ("x", name), ("decoder", "zstd"), (part, name + ".scale"))
     )
+    if isinstance(tensors.setdefault(new_part, {}), dict):
+        tensors[new_part][new_name] = entry
 
 
-def _bytes(header: dict, says: dict, body: bytearray, rng: random.Random) -> None:
+def _bytes(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> None:
     """A few bytes changed, or a run of them filled with one value."""
     longest = rng.choice((1, 1, len(body)))
     for _ in range(rng.randint(1, 8) if body else 0):
@@ -133,7 +159,8 @@ def attack(sample: Path, scratch: Path, rng: random.Random) -> Reading:
         changed = mutated(network.read_bytes(), rng)
         (scratch / network.name).write_bytes(changed)
         path.write_bytes(content)
-        resealed(path, lambda says, header: says.update(shared=parted(changed)[1]["sha256"]))
+        digest = changed[container.HASH_AT : container.START].hex()
+        resealed(path, lambda says, tensors: says.update(shared=digest))
         return partial(read, path)
     if network:
         (scratch / network.name).write_bytes(network.read_bytes())

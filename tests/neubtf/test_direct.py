@@ -6,12 +6,14 @@ import torch
 
 from bench.codec import Fit, Parts
 from bench.codecs import container
+from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.material import Material, parameters
 from bench.training import Samples, load_texture, store_texture, train
 from neubtf.direct import Direct, NeuBTFDirect
 from neubtf.renderer import render
+from tests.baselines.made import cropped
 
 
 def fitted(**settings: Any) -> tuple[NeuBTFDirect, Parts, Material]:
@@ -68,6 +70,17 @@ def test_the_stored_texture_is_what_was_fitted() -> None:
         expected = render(material.network, latents, wo, wi, "xyzh").expm1() / parts.other["gain"]  # type: ignore[attr-defined]
     asked = material.query(torch.tensor([[5.5 / 8, 1 - 2.5 / 8]]), wo, wi)
     torch.testing.assert_close(asked, expected.clamp_min(0))
+
+
+@pytest.mark.parametrize(("height", "width", "expected"), [(8, 4, [2.0, 1.0]), (4, 8, [1.0, 2.0])])
+@pytest.mark.parametrize("name", ["neubtf-direct", "relief"])
+def test_an_offset_is_along_the_view_in_a_picture_that_is_not_square(
+    name: str, height: int, width: int, expected: list[float]
+) -> None:
+    settings: Any = {"steps": 2, "batch": 64, "offset": 4} | ({"relief": False} if name == "relief" else {})
+    codec = load_codec(name)(**settings)
+    material: Any = codec.decode(codec.encode(cropped(height, width), Fit()), torch.device("cpu"))
+    assert material.network.offset.periods.tolist() == expected
 
 
 @pytest.mark.parametrize("settings", [{"latents": 0}, {"layers": 0}, {"omega": 0.0}, {"steps": 0}])

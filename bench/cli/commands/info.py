@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bench.cli.commands import json_option, json_writer, read_as, reading_options, say_line
 from bench.cli.console import btf_fields, btf_lines, file_fields, file_lines
-from bench.codecs.container import read_header
+from bench.codecs.container import MAGIC, SUFFIX, read_header
 from bench.data.open import open_named
 from bench.data.portrait import draw, look
 from bench.files.atomic import PNG, begins, refuse_other_kind
@@ -51,13 +51,5 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _is_codec_file(path: Path) -> bool:
-    """Whether a file is a codec file, by its name or by its first bytes.
-
-    It is a safetensors file, which begins with the length of its header, a little-endian u64, and an opening brace.
-    """
-    with open(path, "rb") as file:
-        start = file.read(9)
-    if path.suffix == ".nbtf":
-        return True
-    upper_half = start[4:8]  # of the length: 0 for any header below 4 GiB
-    return len(start) == 9 and start[8:] == b"{" and upper_half == b"\0" * 4
+    """Whether a file is a codec file, by its name or by its first bytes."""
+    return path.suffix == SUFFIX or begins(MAGIC)(path)

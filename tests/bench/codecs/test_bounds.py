@@ -31,7 +31,7 @@ def test_no_field_of_a_scene_is_trusted(field, value, tmp_path):
     path, codec, parts = scene_file(tmp_path)
     container.save(path, codec, parts)
     fuzz_codec_files.resealed(path, lambda metadata, _: metadata["scene"].update({field: value}))
-    with pytest.raises(ContainerError, match=rf"a\.nbtf: its .neubtf. metadata is not sound: scene/{field}"):
+    with pytest.raises(ContainerError, match=rf"a\.nbtf: its header is not sound: scene/{field}"):
         container.read_header(path)
 
 

@@ -1,9 +1,12 @@
+import json
 import sys
+import zlib
 
 import numpy as np
 import pytest
 import torch
 import zstandard
+from fuzz_codec_files import resealed
 
 from bench.codec import Fit, Parts, settings_dict
 from bench.codecs import container, loading
@@ -15,7 +18,7 @@ from bench.runs.suite import parse_suite, with_changes
 
 
 def saved(path, **settings):
-    codec = load_codec("pca")(components=4, **settings)
+    codec = load_codec("table")(**settings)
     return container.save(path, codec, codec.encode(tiny_btf(), Fit()))
 
 
@@ -57,7 +60,7 @@ def test_without_the_package_it_is_said_what_to_install(tmp_path, monkeypatch):
     [
         b"",
         b"no frame at all",
-        zstandard.ZstdCompressor().compress(b"no safetensors"),
+        zstandard.ZstdCompressor().compress(b"no tensors at all"),
         zstandard.ZstdCompressor(write_content_size=False).compress(b"x" * 1000),
         zstandard.ZstdCompressor().compress(b"x" * 1000)[:-3],
     ],
@@ -66,6 +69,30 @@ def test_a_payload_that_is_not_sound_is_refused(tmp_path, data):
     payload = torch.from_numpy(np.frombuffer(data, np.uint8).copy())
     with pytest.raises(ContainerError, match=f"{tmp_path}"):
         expanded(payload, tmp_path, 1 << 20)
+
+
+def a_part(tensors, body):
+    """The bytes of a part before its compression."""
+    text = json.dumps({"tensors": tensors}).encode()
+    deflated = zlib.compress(text, wbits=-15)
+    return container.LENGTHS.pack(len(deflated), len(text)) + deflated + body
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("zstd", a_part({"texture": {"mean": ["U8", 3]}}, b"12"), "a compressed part: truncated: 1 bytes are missing"),
+        ("zstd", a_part({"texture": {"mean": ["U8", 1]}}, b"12"), "a compressed part: 1 bytes follow its last tensor"),
+        ("zstd", a_part({"other": {"mean": ["U8", 2]}}, b"12"), "a compressed part holds tensors of another"),
+        ("mean", a_part({"texture": {"mean": ["U8", 2]}}, b"12"), "or is not alone in its own"),
+    ],
+)
+def test_a_part_that_does_not_hold_what_it_says_is_refused(tmp_path, name, data, message):
+    parts = Parts(texture={name: compressed(data)})
+    path = container.save(tmp_path / "a.nbtf", load_codec("mean-colour")(), parts).path
+    resealed(path, lambda fields, tensors: fields["settings"].update(zstd=True))
+    with pytest.raises(ContainerError, match=message):
+        container.read_parts(path)
 
 
 def test_a_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):

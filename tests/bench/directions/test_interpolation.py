@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from bench.btf import Layout
-from bench.directions import hemisphere
-from bench.directions.interpolation import Hemisphere, PairInterpolator, stereographic
+from bench.directions import hemisphere, interpolation
+from bench.directions.interpolation import Hemisphere, PairInterpolator, pack_layout, stereographic, unpack_layout
 
 SETS = {
     "ubo2003": hemisphere.ubo2003(),
@@ -158,3 +158,53 @@ class TestPairs:
         wo, wi = torch.cat([high, low, high, low]), torch.cat([high, high, low, low])
         assert pairs.outside(wo, wi).tolist() == [False, True, True, True]
         assert not scattered()[2].outside(wo, wi).any()
+
+
+class TestPackedLayout:
+    views, lights = SETS["triangle"], SETS["thinned"][:5]
+
+    def layout(self, order: np.ndarray | None = None) -> Layout:
+        wo, wi = hemisphere.product(self.views, self.lights)
+        return Layout.of(wo, wi) if order is None else Layout.of(wo[order], wi[order])
+
+    @pytest.mark.parametrize(
+        ("order", "tensors"),
+        [
+            (None, {"views", "lights"}),
+            (np.arange(15).reshape(3, 5).T.flatten(), {"views", "lights", "views_fastest"}),
+            (np.random.default_rng(0).permutation(15), {"views", "lights", "pairs"}),
+            (np.arange(14), {"views", "lights", "pairs"}),
+        ],
+        ids=["lights fastest", "views fastest", "no order", "a pair is missing"],
+    )
+    def test_it_comes_back_and_a_product_says_its_pairs(self, order: np.ndarray | None, tensors: set[str]) -> None:
+        layout = self.layout(order)
+        packed = pack_layout(layout)
+        assert set(packed) == tensors
+        found = unpack_layout(packed, len(layout.view))
+        for name in ("views", "lights", "view", "light"):
+            assert np.array_equal(getattr(found, name), getattr(layout, name))
+
+    def test_one_side_of_one_direction_is_a_product(self) -> None:
+        layout = Layout.of(np.repeat(self.views[:1], 5, 0), self.lights)
+        assert set(pack_layout(layout)) == {"views", "lights"}
+        assert unpack_layout(pack_layout(layout)).grid is not None
+
+    def test_more_pairs_than_memory_should_hold_are_stored_or_refused(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        implied = pack_layout(self.layout())
+        monkeypatch.setattr(interpolation, "MOST_IMPLIED", 14)
+        assert np.array_equal(unpack_layout(pack_layout(self.layout())).light, self.layout().light)
+        with pytest.raises(ValueError, match="its pairs are not those"):
+            unpack_layout(implied)
+
+    @pytest.mark.parametrize(
+        "pairs",
+        [torch.zeros(0, 2), torch.zeros(15), torch.zeros(15, 3), torch.tensor([[0, 5]]), torch.tensor([[-1, 0]])],
+    )
+    def test_pairs_that_fit_no_directions_are_refused(self, pairs: torch.Tensor) -> None:
+        with pytest.raises(ValueError, match="its pairs are not those"):
+            unpack_layout(pack_layout(self.layout()) | {"pairs": pairs.long()})
+
+    def test_another_number_of_pairs_than_the_table_has_is_refused(self) -> None:
+        with pytest.raises(ValueError, match="its pairs are not those"):
+            unpack_layout(pack_layout(self.layout()), 14)

@@ -68,7 +68,7 @@ def test_a_coarse_grid_starts_at_the_means_of_its_texels() -> None:
 
 
 def test_an_offset_starts_closed_and_moves_with_the_view() -> None:
-    offset = Offset(16, torch.Generator().manual_seed(0))
+    offset = Offset(16, (4, 5), torch.Generator().manual_seed(0))
     uv = torch.rand(20, 2, generator=torch.Generator().manual_seed(1))
     latents = numbers((4, 5), 4)
     up, aside = torch.tensor([0.0, 0, 1]).expand(20, 3), torch.tensor([0.6, 0, 0.8]).expand(20, 3)
@@ -78,3 +78,18 @@ def test_an_offset_starts_closed_and_moves_with_the_view() -> None:
     one, other = offset.moved(uv, latents, up), offset.moved(uv, latents, aside)
     assert ((one - uv).abs() <= 0.01).all()
     assert (one != other).any()
+
+
+@pytest.mark.parametrize("shape", [(4, 8), (8, 4), (6, 6)])
+def test_an_offset_moves_along_the_view_on_the_surface(shape: tuple[int, int]) -> None:
+    """Texels are square, so in texels it moves as far along u as along v, and as far in every shape of picture."""
+    offset = Offset(16, shape, torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        offset.gate.fill_(0.1)
+    latents, wo = numbers((4, 5), 4), torch.tensor([0.48, 0.36, 0.8]).expand(20, 3)
+    height, width = shape
+    texels = (offset.moved(torch.zeros(20, 2), latents, wo) * torch.tensor([width, height])).detach()
+    square = Offset(16, (max(shape), max(shape)), torch.Generator().manual_seed(0))
+    square.load_state_dict(offset.state_dict())
+    torch.testing.assert_close(texels[:, 1] / texels[:, 0], torch.full((20,), 0.75))
+    torch.testing.assert_close(texels, (square.moved(torch.zeros(20, 2), latents, wo) * max(shape)).detach())

@@ -8,12 +8,14 @@ from bench.training.stored_texture import (
     Rounding,
     choose_bits,
     codes_of,
+    load_table,
     load_texture,
     round_after,
     rounded,
     shared_out,
     steps_for,
     store_alike,
+    store_table,
     store_texture,
 )
 from bench.training.texture_codes import MOST_BITS, compress, expand
@@ -202,3 +204,34 @@ def test_an_altered_texture_is_refused(name: str, altered: torch.Tensor) -> None
     stored = store_texture("x", values, round_after(values, 4, lambda texture: texture, values))
     with pytest.raises(InputError, match="encode it again"):
         load_texture("x", stored | {name: altered})
+
+
+@pytest.mark.parametrize("bits", [0, 5, 16, 32])
+@pytest.mark.parametrize("axis", [2, 3])
+def test_a_table_is_rounded_as_a_texture_is(axis: int, bits: int) -> None:
+    """The order in which codes are stored changes none of them."""
+    values = torch.randn(4, 5, 3, 2, generator=torch.Generator().manual_seed(0))
+    texture = values.movedim(axis, 3)
+    rounding = round_after(texture, bits, lambda rounded: rounded, texture)
+    as_texture = load_texture("x", store_texture("x", texture, rounding))
+    stored = store_table("x", values, rounding, axis)
+    assert torch.equal(load_table("x", stored, axis), as_texture.movedim(3, axis))
+
+
+def test_colours_that_follow_each_other_take_fewer_bytes() -> None:
+    grey = torch.rand(20, 20, 8, 1, generator=torch.Generator().manual_seed(0))
+    table = grey * torch.tensor([1.0, 0.9, 0.8])
+    rounding = round_after(table.transpose(2, 3), 4, lambda rounded: rounded, table.transpose(2, 3))
+    apart = store_texture("x", table.transpose(2, 3), rounding)["x"]
+    assert store_table("x", table, rounding, axis=2)["x"].nbytes < 0.9 * apart.nbytes
+
+
+def test_an_altered_table_is_refused() -> None:
+    values = torch.randn(4, 4, 2, 3)
+    rounding = round_after(values, 4, lambda rounded: rounded, values)
+    stored = store_table("x", values, rounding, axis=3)
+    for altered in (stored | {"x.size": torch.tensor([4, 4])}, stored | {"x.step": torch.ones(2, 1)}):
+        with pytest.raises(InputError, match="encode it again"):
+            load_table("x", altered, axis=3)
+    with pytest.raises(InputError, match="has not four axes"):
+        load_table("x", {"x": torch.ones(4, 4, 6)}, axis=3)
