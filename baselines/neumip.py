@@ -36,6 +36,7 @@ from bench.training.stored_texture import Bits, Rounding, load_texture, store_te
 
 WIDTHS = (25, 25, 25)  # of the offset network; the decoder has as many hidden layers
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
+DEEPEST = 4.0  # the most that an offset can be: a depth of 0.2 of the longer side, twice what `relief` looks for
 LOWEST_COSINE = 0.6  # least z of the view: below it, the offset stops growing
 COARSE_SHARE = 4  # one of this many samples is of a coarser level
 # Gaussian blur, σ in texels. That of the latents falls exponentially from the first to the last.
@@ -50,7 +51,7 @@ YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0
 # Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
 LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0), "both": (1.0, 1.0, 0.0)}
 PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
-PAPER |= {"weights_start": "pytorch"}
+PAPER |= {"weights_start": "pytorch", "rate": 1e-3}
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,8 @@ class Networks(nn.Module):
         `reach` (2,) is that of `Pyramid`: uv of an offset of 1.
         """
         assert self.offset is not None
-        depth = self.offset(torch.cat([latents, wo[:, :2]], 1))  # (n, 1)
+        output = self.offset(torch.cat([latents, wo[:, :2]], 1))  # (n, 1)
+        depth = DEEPEST * (output / DEEPEST).tanh()  # without a limit, some fits moved look-ups by hundreds of pictures
         return uv + depth.to(uv.dtype) * (wo[:, :2] * reach) / wo[:, 2:].clamp_min(LOWEST_COSINE)
 
     def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
@@ -364,10 +366,10 @@ class NeuMIP(Codec):
     }
     """
 
-    name, version = "neumip", 5
+    name, version = "neumip", 6
     sizes = ("channels",)
     recipes: ClassVar = {"paper": PAPER}
-    recipe_versions: ClassVar = {"paper": 6}
+    recipe_versions: ClassVar = {"paper": 7}
     objective: ClassVar[type[NeuMIPObjective]] = NeuMIPObjective
     material: ClassVar[Callable[..., Material]] = NeuMIPMaterial
 

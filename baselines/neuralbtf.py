@@ -35,7 +35,7 @@ Inputs = Literal["xyzh", "harmonics"]
 HARMONICS = 9  # of one direction
 FIRST = 1e-4  # bound of the first random latents, which lie between −FIRST and FIRST
 DARK = 0.01  # added to the square that the published loss divides by
-PAPER = {"reduction": 16, "directions": "harmonics", "start": "random", "relative": True}
+PAPER = {"reduction": 16, "directions": "harmonics", "start": "random", "relative": True, "optimiser": "adam"}
 PAPER |= {"rate": 1e-3, "latent_rate": 1e-2, "decay": False, "bits": 8, "steps": 20_000, "batch": 4_096}
 
 
@@ -53,7 +53,7 @@ class NeuralBTF(Codec):
     }
     """
 
-    name, version = "neuralbtf", 1
+    name, version = "neuralbtf", 2
     sizes = ("channels", "width")
     recipes: ClassVar = {"paper": PAPER}
 
@@ -61,8 +61,8 @@ class NeuralBTF(Codec):
     class Settings(FitSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, loss and rates, random latents
         steps: Natural = 1_000  # steps of the fit
-        batch: BatchSize = 2_048  # samples a step
-        optimiser: Optimiser = "adam"  # "muon" steps the hidden matrices by Muon, at twice the seconds and no gain
+        batch: BatchSize = 4_096  # samples a step
+        optimiser: Optimiser = "muon"  # of the hidden matrices; 512 wide, as published, Adam takes half the seconds
         rate: Positive = 3e-3  # highest learning rate of both networks and the gate
         relative: bool = False  # as published: the network answers radiance, its loss is relative, `loss` is not used
         decay: bool = True  # rates rise at first and fall to 0; as published they stay

@@ -40,6 +40,7 @@ from bench.compare.choosing.curves import (
     differences,
     gaps_of_rungs,
     hulls,
+    mean_at,
     readings,
     summarised,
 )
@@ -389,6 +390,9 @@ def front_table(run: Run) -> Iterator[Table]:
             reading = reading_of_line.get(line)
             cells.append(_reading_cell(reading))
             values.append(reading.value if reading else None)
+        pooled = mean_at(points.get(line, {}), result.surfaces, ENOUGH.most, statistic="pooled")
+        cells.append(_number(pooled, digits=1))
+        values.append(pooled)
         cells += _lead_cells(line, lead, line in points)
         values += [lead.median if lead else None, None, None]  # only the median is compared
         cells.append(significant(time))
@@ -397,9 +401,16 @@ def front_table(run: Run) -> Iterator[Table]:
         scores.append(values)
     headers = [("codec", "")]
     headers += [(f"{kind}, {len(surfaces)}", "dB ↑") for kind, surfaces in kinds.items()]
-    headers += [("lead, median", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on"), ("time", "× floor ↓")]
+    headers += [
+        ("pooled", "dB ↑"),
+        ("lead, median", "dB ↑"),
+        ("95 % interval", "of the mean"),
+        ("ahead", "on"),
+        ("time", "× floor ↓"),
+    ]
     title = f"At {in_words(ENOUGH)}: test PSNR, means over {', '.join(result.surfaces)}"
-    notes = [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over surfaces.", *_lead_notes(leads, points)]
+    notes = ["Pooled: of the squared error of all slices of a surface together, mean over all surfaces."]
+    notes += [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over surfaces.", *_lead_notes(leads, points)]
     if EAGER in result.times:
         notes.append("Time: eager, of the rung within that size that validation pairs choose, mean over surfaces.")
     yield Table("front", title, headers, rows, [*notes, _READ, *_common(run, result)], marks=best_cells(rows, scores))

@@ -281,7 +281,7 @@ def published_job(job: Job, folder: Path) -> Job:
     line["scores"] = {}
     for name, group in job["scores"].items():
         part_of_deciding = name.startswith(f"{decides}, ")  # such as pairs at grazing views
-        if part_of_deciding or name in (decides, "all", "train", VALIDATION, "scene"):
+        if part_of_deciding or name in (decides, "all", "train", "train, grazing light", VALIDATION, "scene"):
             line["scores"][name] = group
     slices = decibels(folder, job)
     if slices is not None:

@@ -36,6 +36,7 @@ from bench.records import OUTSIDE, VALIDATION, deciding_group
 
 log = logging.getLogger(__name__)
 MOST_STORED = 16  # how many slices are stored as pictures, for the slice viewer of a report
+CELL_DEG = 7.5  # a side of the cells of θ_o and θ_i in which pairs count as equally grazing
 SHEET_ANGLES = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
 
 
@@ -123,7 +124,7 @@ class Workbench:
         """The indices of the pairs of each group, by the name under which reports show it. Empty groups are left out.
 
         Held-out pairs are inside the hull if training pairs lie around them in each direction, and else outside: there
-        a decoder must extrapolate.
+        a decoder must extrapolate. Both groups have as many pairs at about the same θ_o and θ_i.
         """
         heldout = np.sort(np.concatenate([np.empty(0, int), *self.split.heldout.values()])).astype(int)
         groups = {"all": np.arange(len(self.btf)), "train": self.split.train, "heldout": heldout}
@@ -133,11 +134,30 @@ class Workbench:
             wo = torch.from_numpy(self.btf.wo[heldout])
             wi = torch.from_numpy(self.btf.wi[heldout])
             outside = PairInterpolator(self.training.layout).outside(wo, wi).numpy()
-            groups |= {"heldout, inside hull": heldout[~outside], "heldout, outside hull": heldout[outside]}
+            inside, outside_alike = self._at_equal_angles(heldout[~outside], heldout[outside])
+            groups |= {"heldout, inside hull": inside, "heldout, outside hull": outside_alike}
         groups[VALIDATION] = self.split.validation
         if self.scene_shares is not None:
             groups[OUTSIDE] = np.flatnonzero(self.scene_shares == 0)
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
+
+    def _at_equal_angles(self, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of two groups of pairs (n,) and (m,) as many of each in every cell of `CELL_DEG` over θ_o and θ_i.
+
+        Directions outside a hull are mostly grazing, where all codecs are worse; so only the hull makes a difference.
+        """
+        theta_o, _ = to_degrees(self.btf.wo)
+        theta_i, _ = to_degrees(self.btf.wi)
+        cell = 1000 * (theta_o // CELL_DEG) + theta_i // CELL_DEG  # (N,), a number for each
+        kept: list[list[np.ndarray]] = [[], []]
+        for common in np.intersect1d(cell[first], cell[second]):
+            members = [group[cell[group] == common] for group in (first, second)]
+            count = min(map(len, members))
+            for side, pairs in zip(kept, members, strict=True):
+                evenly = np.linspace(0, len(pairs) - 1, count).round().astype(int)
+                side.append(pairs[evenly])
+        inside, outside = (np.sort(np.concatenate([np.empty(0, int), *side])) for side in kept)
+        return inside, outside
 
     @cached_property
     def scored(self) -> np.ndarray:

@@ -127,12 +127,16 @@ def _is_below(middle: _Candidate, first: _Candidate, last: _Candidate) -> bool:
 
 
 def curve_of(
-    points: Sequence[Point], family: str = PSNR, draw: np.random.Generator | None = None, footprint: str = ""
+    points: Sequence[Point],
+    family: str = PSNR,
+    draw: np.random.Generator | None = None,
+    footprint: str = "",
+    statistic: str = "mean",
 ) -> Curve | None:
     """The curve of a metric's family over test pairs, means over seeds; of seeds drawn with replacement, if asked.
 
-    With a `footprint` in texels, of PSNR averaged over boxes of that side.
-    None if a job lacks the metric.
+    With a `footprint` in texels, of PSNR averaged over boxes of that side. The `statistic` is the mean over slices, or
+    `pooled`, of the error of all slices together. None if a job lacks the metric.
     """
     values = list[float]()
     for place, point in enumerate(points):
@@ -144,7 +148,7 @@ def curve_of(
             continue
         if draw is not None and len(jobs) > 1:
             jobs = [jobs[seed] for seed in draw.integers(0, len(jobs), len(jobs))]
-        means = [_mean_of(job, family, footprint) for job in jobs]
+        means = [_mean_of(job, family, footprint, statistic) for job in jobs]
         measured = [float(mean) for mean in means if mean is not None]
         if len(measured) < len(jobs):
             return None
@@ -152,14 +156,14 @@ def curve_of(
     return Curve([point.size for point in points], values)
 
 
-def _mean_of(job: Job, family: str, footprint: str) -> float | None:
-    """The mean of a job over test slices; None if it was not measured.
+def _mean_of(job: Job, family: str, footprint: str, statistic: str) -> float | None:
+    """The mean, or another statistic, of a job over test slices; None if it was not measured.
 
     It is that of the metric of a `family`, such as SSIM; or, with a footprint, always of PSNR, of boxes of that side.
     """
     if footprint:
         return job.get("footprints", {}).get(footprint, {}).get("mean")
-    return stats_of(job, family).get("mean")
+    return stats_of(job, family).get(statistic)
 
 
 class _Line(NamedTuple):
@@ -217,14 +221,15 @@ def mean_at(
     bits: float,
     family: str = PSNR,
     footprint: str = "",
+    statistic: str = "mean",
 ) -> float | None:
     """The mean over surfaces of a line's curves at so many bits a texel; None if one of them does not reach that size,
-    or there is no surface. See `curve_of` for the metric and the footprint."""
+    or there is no surface. See `curve_of` for the metric, the footprint and the statistic."""
     values = []
     for surface in surfaces:
         if surface not in by_surface:
             return None
-        curve = curve_of(by_surface[surface], family, footprint=footprint)
+        curve = curve_of(by_surface[surface], family, footprint=footprint, statistic=statistic)
         if curve is None:
             return None
         value = curve.at(bits)
