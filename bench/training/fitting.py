@@ -42,6 +42,7 @@ SAVE_SECONDS = 5.0  # least seconds between two states on disk; a killed fit los
 RESCUES = 3
 ROUNDED_FROM = 0.5  # share of the steps after which textures are rounded as in the file
 ROUNDING_SAMPLES = 4_096  # samples that measure the error of rounding a channel
+RATE = 0.5
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
 # A curve of at least so many points that gains less than `STILL` dB from its first one, and is below `GOOD` dB, is of a
 # fit on a plateau.
@@ -122,6 +123,13 @@ class Objective(nn.Module):
         if self.display_loss is None:
             return distance(ours, target, self.settings.loss)
         return self.display_loss(ours, target, direction, distance(ours, target, "both"), progress)
+
+    def priced(self, loss: Tensor) -> Tensor:
+        """A loss with the price of the bits of the textures, once they are rounded: `RATE` % of the loss for each 1 %."""
+        spent = [each.spent for each in self.modules() if isinstance(each, Rounding) and each.spent is not None]
+        if not spent:
+            return loss
+        return loss + RATE * loss.detach() * torch.stack(spent).sum().clamp_min(1).log()
 
     def faults(self) -> list[str]:
         """What is wrong with a fit whose loss is finite, in words; by default nothing is looked for."""
@@ -302,7 +310,7 @@ class _Loop:
                 self.objective.round_textures(self.fit, progress)
             with self.objective.as_stored(progress):
                 loss = self.objective.loss(self.generator, progress)
-                loss.backward()
+                self.objective.priced(loss).backward()
             rates = []
             for group, highest in enumerate(self.highest):
                 share = self.objective.rate(self.step, self.steps, group)
