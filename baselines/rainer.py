@@ -39,6 +39,7 @@ WIDTH, LAYERS = 106, 4  # of the decoder, as published
 CONVOLUTIONS = ((16, 7), (32, 5), (64, 5))  # channels and kernel of the encoder's layers
 STRIDE = 4
 STATISTICS = 6  # channels of mean and deviation, of three colours each
+STATISTICS_FLOPS = 2 * 3  # times the deviation, plus the mean
 LEAST_DEVIATION = 1e-3  # of log radiance: keeps the scaling of a constant ABRDF finite
 BLOCK = 256  # texels encoded at once
 
@@ -105,7 +106,7 @@ def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic"
     return torch.cat(direction_inputs(wo, wi, directions), 1)
 
 
-def log_radiance(decoder: Decoder, rows: Tensor, where: Tensor) -> Tensor:
+def log_radiance(decoder: nn.Module, rows: Tensor, where: Tensor) -> Tensor:
     """Log radiance (n, 3) of rows (n, D + 6) of a texture, at the inputs (n, k) of `coordinates` for directions."""
     latents, mean, deviation = rows.tensor_split([-STATISTICS, -3], dim=1)  # (n, D), (n, 3), (n, 3)
     normalised = decoder(torch.cat([latents, where], 1))
@@ -126,7 +127,7 @@ class RainerSettings(NetworkSettings):
 class Fitted(TextureObjective):
     """The fit of a decoder, whatever makes its latents; each texel's statistics are taken from the data, not fitted."""
 
-    network: Decoder
+    network: nn.Module
     # (pairs, k): the decoder's inputs of each pair, which `where` looks up. Subclasses set it, or override `where`.
     coordinates: Tensor
 
@@ -198,8 +199,7 @@ class RainerMaterial(Material):
     def __init__(self, decoder: Decoder, texture: Tensor, gain: float, directions: Directions = "stereographic"):
         """Count the cost of an answer, and keep the parts."""
         architecture = decoder.architecture
-        statistics_flops = 2 * 3  # times the deviation, plus the mean
-        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + statistics_flops)
+        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + STATISTICS_FLOPS)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder = decoder
         self.texture = texture

@@ -5,11 +5,11 @@ fitted together, one pair of networks per material. Only the decoder is stored; 
 Details that no available text confirms are settings or constants here and in `baselines.rainer`, which also says what
 ABRDFs, latents, statistics and log radiance are. With `start=components`, the default, there is no encoder: latents are
 *free*, numbers that the fit changes for themselves. *Rounding* is how the file stores the texture: each channel in a
-few bits.
+few bits. Free latents may also lie on further grids, and be moved along the view; that is no part of the paper.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -20,10 +20,19 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Natural, Positive, Width
-from bench.material import Material
+from bench.material import Material, sample_texture, to_radiance
 from bench.training import Batch, Samples, first_latents, gain_of, train
 from bench.training.decoder import Architecture, Decoder
 from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.gridded import (
+    GriddedMaterial,
+    GriddedNetwork,
+    first_grids,
+    gridded_parts,
+    is_gridded,
+    load_gridded,
+)
+from bench.training.grids import GridSettings, total
 from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
 
@@ -50,7 +59,7 @@ class Rainer2019(Codec):
     }
 
     @dataclass(frozen=True)
-    class Settings(rainer.RainerSettings):
+    class Settings(rainer.RainerSettings, GridSettings):
         steps: Natural = 2_500  # steps of the fit
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, only Adam
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
@@ -63,18 +72,27 @@ class Rainer2019(Codec):
         bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
 
         def __post_init__(self) -> None:
-            """`InputError` if the encoder's fit, which has its own loss, is asked for a loss as displayed."""
+            """`InputError` if the encoder's fit is asked for another loss than its own, or for grids."""
             if self.start == "encoder" and self.loss == "display":
                 raise InputError("codec rainer2019: start=encoder has a loss of its own: leave out loss=display")
+            if self.start == "encoder" and is_gridded(self):
+                raise InputError(
+                    "codec rainer2019: with start=encoder a texel's latents are made of its own ABRDF alone: leave out "
+                    "half, quarter and offset, or take start=components"
+                )
 
         @property
         def architecture(self) -> Architecture:
             """The decoder."""
-            return rainer.architecture(self.latents, self.activation, self.directions, self.width)
+            return rainer.architecture(total(self), self.activation, self.directions, self.width)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit encoder and decoder, or the decoder with free latents; returns the parts of the file."""
         samples = Samples(btf, gain_of(btf, fit), fit)
+        if is_gridded(self.settings):
+            gridded = GriddedLatents(samples, self.settings, fit)
+            train(gridded, fit, self.settings.steps, self.settings.patience)
+            return gridded.file()
         objective = Encoded if self.settings.start == "encoder" else FreeLatents
         fitting = objective(samples, self.settings, fit)
         train(fitting, fit, self.settings.steps, self.settings.patience)
@@ -83,9 +101,15 @@ class Rainer2019(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device."""
-        decoder = load_network(Decoder(self.settings.architecture), parts.decoder)
-        texture = load_texture("latents", parts.texture)
+        decoder = Decoder(self.settings.architecture)
         gain = float(parts.other["gain"])
+        if is_gridded(self.settings):
+            grids = load_gridded(parts, self.settings)
+            network = load_network(GriddedNetwork(decoder, self.settings, grids["latents"].shape[:2]), parts.decoder)
+            grids["statistics"] = load_texture("statistics", parts.texture)
+            return GriddedRainerMaterial(network, grids, gain, self.settings.directions).to(device)
+        load_network(decoder, parts.decoder)
+        texture = load_texture("latents", parts.texture)
         return rainer.RainerMaterial(decoder, texture, gain, self.settings.directions).to(device)
 
 
@@ -111,7 +135,16 @@ class Encoded(rainer.Autoencoder):
         return texture, rounding
 
 
-class FreeLatents(rainer.Fitted):
+class FreeDecoder(rainer.Fitted):
+    """A decoder without an encoder, fitted to random samples."""
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss at as many random samples as the encoder's fit decodes in a step."""
+        batch = self.samples.draw(self.settings.texels * self.settings.pairs, generator)
+        return self.distance(self.predict(batch, progress), batch.target, batch.pair, progress)
+
+
+class FreeLatents(FreeDecoder):
     """The decoder and free latents, without an encoder. The file is as that of `Encoded`, which holds no encoder."""
 
     settings: Rainer2019.Settings
@@ -137,7 +170,50 @@ class FreeLatents(rainer.Fitted):
         """Log radiance (n, 3) of a batch, from half of the fit on of the texture as the file stores it."""
         return self.answers(self.rounding(self.texture()), batch)
 
-    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        """The loss at as many random samples as the encoder's fit decodes in a step."""
-        batch = self.samples.draw(self.settings.texels * self.settings.pairs, generator)
-        return self.distance(self.predict(batch, progress), batch.target, batch.pair, progress)
+
+class GriddedLatents(FreeDecoder):
+    """The decoder and free latents on several grids, or moved along the view.
+
+    Statistics are a texture of their own, at full resolution and not moved: they are those of a texel over all views.
+    """
+
+    def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
+        """Make the decoder and the offset's network, then start the grids at the texels' principal components."""
+        generator = fit.generator()
+        super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
+        self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
+        self.network: Any = GriddedNetwork(self.network, settings, samples.shape, generator)
+        self.grids = first_grids(samples, settings, "components", generator)
+        self.rounding = Rounding(rainer.STATISTICS, settings.bits)  # of the statistics
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) of a batch, from half of the fit on of textures as the file stores them."""
+        latents = self.network.fetch_batch(self.grids, self.samples, batch)
+        statistics = self.rounding(self.statistics.flatten(1)).index_select(0, batch.texel)
+        return rainer.log_radiance(self.network, torch.cat([latents, statistics], 1), self.where(batch))
+
+    def file(self) -> Parts:
+        """The tensors of a file."""
+        statistics = self.statistics.reshape(*self.samples.shape, rainer.STATISTICS)
+        return gridded_parts(self, self.grids, **store_texture("statistics", statistics, self.rounding))
+
+
+class GriddedRainerMaterial(GriddedMaterial):
+    """Latents on several grids, a texture (H, W, 6) of means and deviations, and the decoder."""
+
+    grid_statistics: Tensor
+
+    def __init__(self, network: GriddedNetwork, grids: dict[str, Tensor], gain: float, directions: Directions):
+        """Keep the parts. `InputError` if the statistics have another size than the picture."""
+        expected = (*grids["latents"].shape[:2], rainer.STATISTICS)
+        if grids["statistics"].shape != expected:
+            raise InputError("the statistics of this file are not those of its texels: encode it again")
+        super().__init__(network, grids, network.decoder.architecture.flops + rainer.STATISTICS_FLOPS, gain)
+        self.directions = directions
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail."""
+        rows = torch.cat([self.latents(uv, wo), sample_texture(self.grid_statistics, uv)], 1)
+        where = rainer.coordinates(wo, wi, self.directions)
+        return to_radiance(rainer.log_radiance(self.network, rows, where), self.gain)

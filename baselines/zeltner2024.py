@@ -3,7 +3,7 @@
 Eight latents a texel make two shading frames, into which both directions are turned; latents and turned directions
 enter a network of two hidden layers. `edition` chooses between the article and the authors' code of 2026. BTFs have no
 parameters of a layered material for the authors' encoder, so the texture is free, as in their second stage. See
-docs/recipes.md for other open details.
+docs/recipes.md for other open details. Further grids and an offset along the view are no part of the article.
 
 *Latents* are the numbers of a texel that the network reads. A *frame* is a normal and a tangent of length 1, and the
 axis across both; a direction *turned* into it is given by its x, y and z on these axes. A *pair* is one view and one
@@ -25,12 +25,14 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Count, Natural
-from bench.material import HIGHEST_LEVEL, DecoderCost, Material, at_least_float32, sample_texture, to_radiance
-from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, first_latents, fitted
+from bench.material import HIGHEST_LEVEL, Material, at_least_float32, to_radiance
+from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, fitted
 from bench.training.decoder import Activation, Architecture, Decoder
+from bench.training.gridded import GriddedMaterial, GriddedNetwork, first_grids, gridded_parts, load_gridded
+from bench.training.grids import GridSettings, total
 from bench.training.inputs import Frames
 from bench.training.stored_network import load_network
-from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
+from bench.training.stored_texture import Bits
 
 BRIGHTEST = 1e5  # gain · radiance that the sigmoid of the authors' code can answer
 PAPER = {"edition": "code", "halfway": False, "layers": 2, "width": 16, "activation": "smelu", "bits": 8}
@@ -60,7 +62,7 @@ class Zeltner2024(Codec):
     recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
-    class Settings(FitSettings):
+    class Settings(FitSettings, GridSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": as in the authors' code of 2026, random latents, Adam
         edition: Literal["article", "code"] = "article"  # "code": its latents, inputs, output and space of the loss
         latents: Count = 8  # channels of the neural texture
@@ -79,14 +81,14 @@ class Zeltner2024(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit texture, frames and network to the training pairs; returns the parts of the file."""
         fitting = fitted(Zeltner2024Objective, self.settings, btf, fit)
-        return fitting.parts(store_texture("latents", fitting.latents().reshape(*btf.shape, -1), fitting.rounding))
+        return gridded_parts(fitting, fitting.grids)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device."""
-        network = load_network(FramedNetwork(self.settings), parts.decoder)
-        texture = load_texture("latents", parts.texture)
+        grids = load_gridded(parts, self.settings)
+        network = GriddedNetwork(FramedNetwork(self.settings), self.settings, grids["latents"].shape[:2])
         gain = float(parts.other["gain"])
-        return Zeltner2024Material(network, texture, gain).to(device)
+        return Zeltner2024Material(load_network(network, parts.decoder), grids, gain).to(device)
 
 
 def sigmoid(outputs: Tensor) -> Tensor:
@@ -113,11 +115,12 @@ class FramedNetwork(nn.Module):
             self.directions = 3 if settings.halfway else 2  # wo, wi, and the half vector
             numbers_of_frame = 3 * self.directions
         self.direction_inputs = numbers_of_frame * max(1, settings.frames)  # without frames the surface's own axes
-        inputs = settings.latents + self.direction_inputs
+        latents = total(settings)
+        inputs = latents + self.direction_inputs
         architecture = Architecture(inputs, (settings.width,) * settings.layers, activation=settings.activation)
         self.frames: Frames | None = None
         if settings.frames:  # the authors' frames have no bias; outputs are added to the surface's own axes
-            self.frames = Frames(settings.latents, settings.frames, generator, bias=False)
+            self.frames = Frames(latents, settings.frames, generator, bias=False)
         self.decoder = Decoder(architecture, generator)
 
     def forward(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
@@ -141,33 +144,33 @@ class FramedNetwork(nn.Module):
 
 
 class Zeltner2024Objective(TextureObjective):
-    """The neural texture (H · W, D) and the network, both of them fitted."""
+    """The neural texture, on one grid or several, and the network, both of them fitted."""
+
+    network: GriddedNetwork
 
     def __init__(self, samples: Samples, settings: Zeltner2024.Settings, generator: torch.Generator):
         """Start the network at the mean of the data; its weights, the frames' first, are the first numbers of the
         generator."""
         super().__init__(samples, settings)
-        self.network = FramedNetwork(settings, generator)
+        framed = FramedNetwork(settings, generator)
+        self.authors_code = framed.authors_code
         first_output = samples.mean(generator)  # log radiance, log1p(x) with x = gain · radiance
-        if self.network.authors_code:  # an output is about log x: see `sigmoid`; of 0 it would be infinite
+        if self.authors_code:  # an output is about log x: see `sigmoid`; of 0 it would be infinite
             first_output = first_output.expm1().clamp_min(1e-4).log()
-        self.network.decoder.start_at(first_output)
-        self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
-        self.rounding = Rounding(settings.latents, settings.bits)
-
-    def latents(self) -> Tensor:
-        """The neural texture (H · W, D), not rounded; in the authors' code bounded by −1 and 1."""
-        return functional.softsign(self.texture) if self.network.authors_code else self.texture
+        framed.decoder.start_at(first_output)
+        self.network = GriddedNetwork(framed, settings, samples.shape, generator)
+        bound = functional.softsign if self.authors_code else None  # the code's latents lie between −1 and 1
+        self.grids = first_grids(samples, settings, settings.start, generator, bound=bound)
 
     def outputs(self, batch: Batch) -> Tensor:
         """The network's outputs (n, 3) at the texels and pairs of a batch; see `FramedNetwork`."""
-        latents = self.rounding(self.latents()).index_select(0, batch.texel)
+        latents = self.network.fetch_batch(self.grids, self.samples, batch)
         return self.network(latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) of a batch."""
         outputs = self.outputs(batch)
-        return sigmoid(outputs).log1p() if self.network.authors_code else outputs
+        return sigmoid(outputs).log1p() if self.authors_code else outputs
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of log radiance; in the authors' code the distance of 3 (∛x − 1), x = gain · radiance.
@@ -175,7 +178,7 @@ class Zeltner2024Objective(TextureObjective):
         The distance is of the setting `loss`; the − 1 cancels in it. ∛x is computed from log x, which also has a
         gradient where x is nearly 0.
         """
-        if not self.network.authors_code:
+        if not self.authors_code:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
         outputs = self.outputs(batch)
@@ -186,24 +189,22 @@ class Zeltner2024Objective(TextureObjective):
         return distance(ours, target, self.settings.loss)
 
 
-class Zeltner2024Material(Material):
-    """A texture (H, W, D) of latents, fetched bilinearly, frames and network."""
+class Zeltner2024Material(GriddedMaterial):
+    """Latents, fetched bilinearly from a texture (H, W, D) or from several grids, frames and network."""
 
-    def __init__(self, network: FramedNetwork, texture: Tensor, gain: float):
+    def __init__(self, network: GriddedNetwork, grids: dict[str, Tensor], gain: float):
         """Count the cost of an answer, and keep the parts. `ValueError` if texture and network do not fit."""
-        architecture, frames = network.decoder.architecture, network.frames
-        if texture.shape[2] != architecture.inputs - network.direction_inputs:
-            raise ValueError(f"a texture of {texture.shape[2]} channels for a network of {architecture.inputs} inputs")
-        frame_flops = frames.flops(network.directions) if frames else 0
-        parameters = sum(p.numel() for p in network.parameters())
-        cost = DecoderCost.of_texture(texture, parameters, architecture.flops + frame_flops)
-        super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.network = network
-        self.texture = texture
-        self.gain = gain
+        framed: FramedNetwork = network.decoder
+        architecture, frames = framed.decoder.architecture, framed.frames
+        channels = sum(grid.shape[2] for name, grid in grids.items() if name != "offset")
+        if channels != architecture.inputs - framed.direction_inputs:
+            raise ValueError(f"a texture of {channels} channels for a network of {architecture.inputs} inputs")
+        frame_flops = frames.flops(framed.directions) if frames else 0
+        super().__init__(network, grids, architecture.flops + frame_flops, gain)
+        self.authors_code = framed.authors_code
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
         of detail."""
-        outputs = self.network(sample_texture(self.texture, uv), wo, wi)
-        return sigmoid(outputs) / self.gain if self.network.authors_code else to_radiance(outputs, self.gain)
+        outputs = self.network(self.latents(uv, wo), wo, wi)
+        return sigmoid(outputs) / self.gain if self.authors_code else to_radiance(outputs, self.gain)

@@ -1,24 +1,31 @@
 """NeuBTF's neural texture and renderer fitted to the data directly, without the autoencoder.
 
 With `recipe=paper` the decoder is the paper's; by default it also sees half vectors. It makes no new textures. Grids at
-half and a quarter of the resolution and an offset along the view may be added: `neubtf.gridded`.
+half and a quarter of the resolution and an offset along the view, which are no part of the paper, may be added.
 """
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.material import Material
-from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, fitted
-from bench.training.decoder import Architecture
+from bench.material import Material, to_radiance
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, fitted
+from bench.training.decoder import Architecture, Decoder
+from bench.training.gridded import (
+    GriddedMaterial,
+    GriddedNetwork,
+    first_grids,
+    gridded_parts,
+    is_gridded,
+    load_gridded,
+)
 from bench.training.grids import GridSettings, total
-from bench.training.inputs import COUNTS
-from bench.training.stored_texture import Rounding, store_texture
-from neubtf.gridded import GriddedObjective, is_gridded, load_gridded
+from bench.training.inputs import COUNTS, direction_inputs
+from bench.training.stored_network import load_network
 from neubtf.renderer import RendererSettings, load
 
 PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}
@@ -45,29 +52,46 @@ class NeuBTFDirect(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit the texture, or the grids, and the renderer; returns the parts of the file."""
-        if is_gridded(self.settings):
-            return fitted(GriddedObjective, self.settings, btf, fit).file()
         fitting = fitted(Direct, self.settings, btf, fit)
-        texture = fitting.texture.reshape(*btf.shape, -1)
-        return fitting.parts(store_texture("latents", texture, fitting.rounding))
+        return gridded_parts(fitting, fitting.grids)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device."""
-        if is_gridded(self.settings):
-            return load_gridded(parts, self.settings).to(device)
-        return load(parts, self.settings).to(device)
+        settings = self.settings
+        if not is_gridded(settings):
+            return load(parts, settings).to(device)
+        grids = load_gridded(parts, settings)
+        network = GriddedNetwork(Decoder(settings.architecture), settings, grids["latents"].shape[:2])
+        return GriddedRenderer(load_network(network, parts.decoder), grids, parts, settings).to(device)
 
 
 class Direct(DirectedObjective):
-    """The neural texture (H · W, D) and the renderer, both of them fitted."""
+    """The neural texture, on one grid or several, and the renderer, both of them fitted."""
 
     def __init__(self, samples: Samples, settings: NeuBTFDirect.Settings, generator: torch.Generator):
         """Make the renderer, then start the texture as the setting `start` says."""
         as_siren = settings.recipe == "paper"  # its last layer starts as SIREN's, not at the mean of the data
         super().__init__(samples, settings, generator, about=as_siren)
-        self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
-        self.rounding = Rounding(settings.latents, settings.bits)
+        self.network: Any = GriddedNetwork(self.network, settings, samples.shape, generator)
+        self.grids = first_grids(samples, settings, settings.start, generator)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        latents = self.rounding(self.texture).index_select(0, batch.texel)
-        return self.answers(latents, batch.pair)
+        return self.answers(self.network.fetch_batch(self.grids, self.samples, batch), batch.pair)
+
+
+class GriddedRenderer(GriddedMaterial):
+    """The renderer on several grids, or with an offset."""
+
+    def __init__(
+        self, network: GriddedNetwork, grids: dict[str, Tensor], parts: Parts, settings: NeuBTFDirect.Settings
+    ):
+        """Keep the parts, and the kind of the network's directions."""
+        super().__init__(network, grids, settings.architecture.flops, float(parts.other["gain"]))
+        self.directions = settings.directions
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail."""
+        latents = self.latents(uv, wo)
+        directions = [values.to(latents.dtype) for values in direction_inputs(wo, wi, self.directions)]
+        return to_radiance(self.network(torch.cat([latents, *directions], 1)), self.gain)

@@ -21,7 +21,7 @@ from reports import BY_BUDGET, KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
 from reports.notes import common_notes, cost_notes, main_notes, not_run, quality_notes, scene_notes
-from reports.numbers import NONE, NOT_COMPARABLE
+from reports.numbers import NONE, NOT_COMPARABLE, fixed
 from reports.paper import ablation_table, paper_table
 from reports.parameters import TimedJob, parameters_table
 from reports.rows import CodecRows, MaterialRows, materials
@@ -193,9 +193,10 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
         if any(" ± " in row[i] for row in rows):  # a cell shows a deviation: the header says what it is over
             unit += f" ± {column.over}"
         headers.append((column.name, unit.strip()))
-    native_row = _native_row(material.measured[0].job, chosen)
-    if native_row:  # it has no scores, so it is never marked
-        rows.append(native_row)
+    first = material.measured[0].job
+    for row in (_native_row(first, chosen), _black_row(first, chosen)):
+        if row:  # it has no scores, so it is never marked
+            rows.append(row)
     marks = best_cells(rows, scores)
     all_notes = list(notes)
     if kind != "scene":  # they say that models of a scene stand last, which is not so in its table
@@ -218,6 +219,14 @@ def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
     if not codec.measured and any(row.job["status"] == "failed" for row in codec.rows):
         cells[0] = "failed"
     return cells
+
+
+def _black_row(job: Job, chosen: Sequence[Column]) -> list[str]:
+    """The row of an all-black answer, with its PSNR; empty if the material is well exposed, or no column shows that."""
+    shows_psnr = [column.name == columns.HELDOUT.name for column in chosen]
+    if "black" not in job or not any(shows_psnr):
+        return []
+    return ["black", *(fixed(job["black"], 2) if is_psnr else NONE for is_psnr in shows_psnr)]
 
 
 def _native_row(job: Job, chosen: Sequence[Column]) -> list[str]:

@@ -55,10 +55,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     try:
         with decoding(numbers):  # no decoder may have more weights than such a file can hold
             codec = codec_class(**header.settings)
-            material = codec.decode(parts, torch.device(device))
-        if not isinstance(material, Material):
-            raise answered(codec.decode, material, "a Material")
-        material.lowest_light = header.lowest_light
+            material = decoded(codec, parts, torch.device(device))
         _check_answers(material)
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
@@ -74,6 +71,16 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         what = said_by(error)
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
     return Loaded(header, material, network)
+
+
+def decoded(codec: Codec, parts: Parts, device: torch.device) -> Material:
+    """The material of the tensors of a file, which fades below the lowest light of its fit. `CodecError` if the codec
+    decodes to anything else."""
+    material = codec.decode(parts, device)
+    if not isinstance(material, Material):
+        raise answered(codec.decode, material, "a Material")
+    material.lowest_light = parts.lowest_light
+    return material
 
 
 def _needed_network(header: Header, codec_class: type[Codec], network: TrainedNetwork | None) -> TrainedNetwork | None:

@@ -362,7 +362,7 @@ def _name_the_tensor(error: RuntimeError, codec: Codec) -> None:
 
 def _decoded_on(device: torch.device, codec: Codec, parts: Parts, queries: list[Tensor]) -> Material:
     """The material on a device, or a `CheckError` that names what its decoder leaves on the CPU."""
-    material = codec.decode(parts, device)
+    material = loading.decoded(codec, parts, device)
     left = ", ".join(f"`{name}`" for name in emulated.left_behind(material))
     try:
         if is_gpu(material.device):

@@ -201,6 +201,7 @@ class Job(TypedDict, total=False):
     metrics: Annotated[dict[str, MetricFacts], PUBLISHED | CLAIM | APART]
     scores: Annotated[dict[str, Group], CLAIM]
     footprints: Annotated[dict[str, Statistics], RESULTS | CLAIM]
+    black: Annotated[Number, RESULTS]  # display PSNR of an all-black answer, where the material is badly exposed
     scene: Annotated[Scene, RESULTS]
     program: Annotated[ProgramTime, RESULTS]
     fit_key: Annotated[

@@ -138,6 +138,8 @@ def record_of_scores(
     if isinstance(material, ProgramMaterial):
         nanoseconds = 1e9 * material.waited / max(1, material.queries)
         record["program"] = {"queries": material.queries, "ns_per_query": nanoseconds}
+    if workbench.exposed.fault:
+        record["black"] = workbench.exposed.black
     if in_scene is not None:
         record["scene"] = in_scene.quality
         record["frames"] = keep(f"frames/{name}.npz", in_scene.pictures)

@@ -30,7 +30,7 @@ from bench.directions.hemisphere import to_degrees
 from bench.directions.interpolation import PairInterpolator
 from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names
-from bench.metrics.display import exposed
+from bench.metrics.display import Exposed, exposed
 from bench.metrics.scoring import Scorer
 from bench.records import OUTSIDE, VALIDATION, deciding_group
 
@@ -118,6 +118,11 @@ class Workbench:
     def exposure(self) -> float:
         """The factor that brings radiance into the range of a display."""
         return self.scorer.exposure
+
+    @cached_property
+    def exposed(self) -> Exposed:
+        """How well the exposure shows the slices that decide."""
+        return exposed((self.btf[int(pair)] for pair in self.deciding), self.exposure)
 
     @cached_property
     def groups(self) -> dict[str, np.ndarray]:
@@ -240,8 +245,7 @@ def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
             if what.data.texels:
                 btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it
             opened = Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)
-            fault = exposed((btf[pair] for pair in opened.shown), opened.exposure).fault
-            if fault:
-                log.warning("%s: %s", what.material.name, fault)
+            if opened.exposed.fault:
+                log.warning("%s: %s", what.material.name, opened.exposed.fault)
             _latest[key] = opened
         yield _latest[key]

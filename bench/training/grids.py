@@ -7,6 +7,7 @@ sharpens it, without a height.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -62,13 +63,21 @@ def size_of(name: str, shape: tuple[int, int]) -> tuple[int, int]:
 class Grids(nn.Module):
     """The grids of a fit, free: `values[name]` (h, w, C), and the rounding of each."""
 
-    def __init__(self, first: Tensor, shape: tuple[int, int], settings: Any, offset: bool):
+    def __init__(
+        self,
+        first: Tensor,
+        shape: tuple[int, int],
+        settings: Any,
+        offset: bool = True,
+        bound: Callable[[Tensor], Tensor] | None = None,
+    ):
         """Start at latents (H · W, `total`): the first channels at full resolution, the next at half, then a quarter.
 
-        `offset` says whether there is an offset's grid, which starts at the first channels: components that separate
-        texels also separate heights.
+        `offset=False` leaves out the offset's grid, which starts at the first channels: components that separate
+        texels also separate heights. `bound` is applied to the free numbers: what it returns is looked up and stored.
         """
         super().__init__()
+        self.bound = bound or nn.Identity()
         self.values: Any = nn.ParameterDict()
         self.roundings: Any = nn.ModuleDict()
         picture = first.T.unflatten(1, shape)  # (C, H, W), as pooling takes it
@@ -83,17 +92,19 @@ class Grids(nn.Module):
 
     def rounded(self) -> dict[str, Tensor]:
         """The grids (h, w, C) as they are looked up: from half of the fit on as the file will hold them."""
-        return {name: self.roundings[name](values) for name, values in self.values.items()}
+        return {name: self.roundings[name](self.bound(values)) for name, values in self.values.items()}
 
     def stored(self) -> dict[str, Tensor]:
         """The tensors of a file."""
         stored: dict[str, Tensor] = {}
         for name, values in self.values.items():
-            stored |= store_texture(name, values, self.roundings[name])
+            stored |= store_texture(name, self.bound(values), self.roundings[name])
         return stored
 
 
-def load_grids(stored: dict[str, Tensor], settings: Any, shape: tuple[int, int], offset: bool) -> dict[str, Tensor]:
+def load_grids(
+    stored: dict[str, Tensor], settings: Any, shape: tuple[int, int], offset: bool = True
+) -> dict[str, Tensor]:
     """The grids (h, w, C) of a picture (H, W) by name from `Grids.stored`. `InputError` if their sizes differ."""
     grids = {}
     for name, count in channels(settings, offset).items():

@@ -133,7 +133,7 @@ BY_BOTH_RECIPES: list[tuple[str, dict[str, Any]]] = [
     ("name", "settings"),
     [
         ("bcf", TRAINED),
-        ("hierarchical", {"steps": 200, "batch": 512}),
+        ("hierarchical", {"steps": 250, "batch": 512}),
         *((name, settings | {"recipe": "paper"}) for name, settings in BY_BOTH_RECIPES),
         *(
             pytest.param(name, settings | {"recipe": "ours"}, marks=pytest.mark.long)

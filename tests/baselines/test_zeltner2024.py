@@ -114,7 +114,7 @@ def test_the_paper_s_loss_is_of_cube_roots() -> None:
     loss = fitting.loss(torch.Generator().manual_seed(1), 0.0)
     torch.testing.assert_close(loss.double(), expected, rtol=1e-5, atol=1e-6)
     with torch.no_grad():  # radiance far below what float32 holds, and far above what the sigmoid answers
-        fitting.network.decoder.layers[-1].bias.copy_(torch.tensor([-200.0, 0.0, 200.0]))
+        fitting.network.decoder.decoder.layers[-1].bias.copy_(torch.tensor([-200.0, 0.0, 200.0]))
     fitting.loss(torch.Generator().manual_seed(1), 0.0).backward()
     assert all(p.grad is None or p.grad.isfinite().all() for p in fitting.parameters())
     assert fitting.predict(batch, 0.0).amax().item() == pytest.approx(np.log1p(1e5))

@@ -10,7 +10,7 @@ from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.material import Material, parameters
-from bench.training import Samples, load_texture, store_texture, train
+from bench.training import Samples, load_texture, train
 from neubtf.direct import Direct, NeuBTFDirect
 from neubtf.renderer import render
 from tests.baselines.made import cropped
@@ -100,7 +100,6 @@ def test_the_file_holds_the_texture_that_the_fit_looked_up(patience: int) -> Non
     samples, codec = Samples(tiny_btf(), 1.0, Fit()), NeuBTFDirect(steps=200, batch=64, patience=patience)
     direct = Direct(samples, codec.settings, Fit().generator())
     train(direct, Fit(), 200, patience)
-    seen = direct.rounding(direct.texture).reshape(8, 8, -1)
-    stored = store_texture("x", direct.texture.reshape(8, 8, -1), direct.rounding)
-    torch.testing.assert_close(load_texture("x", stored), seen)
-    assert not torch.equal(seen, direct.texture.reshape(8, 8, -1))
+    seen = direct.grids.rounded()["latents"]
+    torch.testing.assert_close(load_texture("latents", direct.grids.stored()), seen)
+    assert not torch.equal(seen, direct.grids.values["latents"])

@@ -29,7 +29,7 @@ class RunMaker:
 
     def job(self, label="pca components=8", material="satin", **changes):
         """One finished job; `psnr=100` makes it exact, `metrics`, `btf`, `exposure` change its score key."""
-        psnr, run, seed = changes.pop("psnr", 30.0), changes.pop("run", "1"), changes.pop("seed", 0)
+        psnr, run, seed = min(changes.pop("psnr", 30.0), MOST_DB), changes.pop("run", "1"), changes.pop("seed", 0)
         key = {"btf": changes.pop("btf", "f"), "exposure": changes.pop("exposure", 1.5), "sha256": "0"}
         key["metrics"] = changes.pop("metrics", {name: metric["version"] for name, metric in METRICS.items()})
         key |= {"deciding": changes.pop("deciding")} if "deciding" in changes else {}

@@ -88,15 +88,6 @@ def test_no_best_is_marked_at_a_size_where_a_codec_whose_curve_ends_before_has_m
     assert any("No best is marked" in note for note in table.notes)
 
 
-def test_a_surface_counts_at_most_what_a_display_shows(made):
-    for material, psnr in (("satin", 60.0), ("brick", 30.0)):
-        scores = {"heldout": made._group(psnr), "validation": made._group(psnr)}
-        made.job("pca", material, bytes={"total": 8 * SIZE}, scores=scores, psnr=psnr)
-    (table,) = TABLES["budgets"](load_run(made.folder))
-    column = [name for name, _ in table.headers].index("128 bits")
-    assert table.rows[0][column] == f"≥{(48.13 + 30) / 2:.1f}"
-
-
 def test_the_rungs_are_named_by_material(ladder):
     means, satin, _ = TABLES["rungs"](load_run(ladder))
     assert means.rows[0] == ["pca", "16–32", "128", "24.50", "0.750", "0.750"]

@@ -194,3 +194,13 @@ def test_the_note_on_a_marched_height_says_of_what_a_file_stores_none(made):
     notes = dict(note.split(": ", 1) for note in table.notes if note.startswith("relief"))
     assert notes["relief"].startswith("its file stores no height on satin;")
     assert notes["relief latents=13"].startswith("its file stores a height on satin;")
+
+
+def test_black_has_a_row_where_a_material_is_badly_exposed(made):
+    """It scores above a codec there, and is neither ranked nor marked."""
+    made.job("pca", psnr=30.0, black=41.0)
+    (table,) = [table for table in all_tables(load_run(made.folder)) if table.kind == "main"]
+    psnr = [name for name, _ in table.headers].index("PSNR")
+    assert [row[0] for row in table.rows] == ["pca", "black"]
+    assert table.rows[1][psnr] == "41.00"
+    assert set(table.rows[1][1:psnr]) == {"—"}

@@ -139,7 +139,7 @@ class Subject:
 
     def decode(self, parts: Parts) -> Material:
         """The material of some tensors, which need not come from a file."""
-        return self.tested.codec.decode(parts, torch.device("cpu"))
+        return loading.decoded(self.tested.codec, parts, torch.device("cpu"))
 
 
 def subject_of(kind: type[Codec], folder: Path) -> Subject:

@@ -1,6 +1,6 @@
 import pytest
 
-from bench.records import append, load_run
+from bench.records import MOST_DB, append, load_run
 
 PSNR, FLIP, SSIM = "psnr_display", "flip_ldr_67ppd_periodic", "ssim_periodic"
 METRICS = {
@@ -19,6 +19,7 @@ class Maker:
         `settings` change what their names say, `versions` those of metrics (0: not measured).
         """
         get = changes.pop
+        psnr = min(psnr, MOST_DB)
         record = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": get("run", "1"), "material": material}
         record |= {"label": label, "codec": label.split()[0], "seed": seed, "status": "ok", "parameters": 3011}
         settings = get("settings", {"components": 8})

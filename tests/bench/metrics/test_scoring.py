@@ -11,6 +11,7 @@ from bench.btf import BTF, ArraySource, box_filter
 from bench.inputs.errors import InputError
 from bench.metrics import display, scoring
 from bench.metrics.scoring import Scorer, footprint_errors, polar_maps, summarise, summarise_footprints
+from bench.records import MOST_DB
 
 
 def make(count=20, shape=(16, 18), seed=0, periodic=True):
@@ -172,7 +173,7 @@ def test_statistics_of_a_group():
     assert np.shape(stats["bins"]["ssim_periodic"]) == (6, 6)
 
 
-def test_exact_slices_are_counted_and_have_100_db():
+def test_exact_slices_are_counted_and_have_the_most_decibels():
     btf, decoded = make(4)
     decoded[:2] = np.stack([btf[0], btf[1]])
     scores = Scorer(btf).score(np.arange(4), lambda i: decoded[i])
@@ -181,8 +182,8 @@ def test_exact_slices_are_counted_and_have_100_db():
     )
     psnr = table["all"]["metrics"]["psnr_display"]
     assert (psnr["exact"], psnr["slices"]) == (2, 4)
-    assert psnr["mean"] == pytest.approx(50 - 5 * np.log10(scores.raw["psnr_display"][2:]).mean())
-    assert [table["equal"]["metrics"]["psnr_display"][name] for name in ("mean", "pooled", "worst")] == [100] * 3
+    assert psnr["mean"] == pytest.approx(MOST_DB / 2 - 5 * np.log10(scores.raw["psnr_display"][2:]).mean())
+    assert [table["equal"]["metrics"]["psnr_display"][name] for name in ("mean", "pooled", "worst")] == [MOST_DB] * 3
     assert table["none"]["metrics"]["psnr_display"]["worst"] is None
     assert all(stats["exact"] == 2 for stats in table["equal"]["metrics"].values())
     assert table["none"]["slices"] == 0
@@ -193,7 +194,9 @@ def test_footprints_are_compared_with_box_filtered_truth():
     btf, decoded = make(shape=(16, 18))
     summary = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(btf[i], f), 0.5))
     assert list(summary) == ["1", "2", "4", "8"]
-    assert all(entry == {"psnr_display": 100, "mean": 100, "exact": 2, "slices": 2} for entry in summary.values())
+    assert all(
+        entry == {"psnr_display": MOST_DB, "mean": MOST_DB, "exact": 2, "slices": 2} for entry in summary.values()
+    )
     summary = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(decoded[i], f), 0.5))
     # Averaging removes independent noise, so the error falls with the footprint.
     values = [entry["psnr_display"] for entry in summary.values()]

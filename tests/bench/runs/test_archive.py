@@ -230,7 +230,7 @@ def test_another_codecs_file_is_found(packed, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        (lambda line: line | {"codec": "theirs"}, "codec theirs version 4, code"),
+        (lambda line: line | {"codec": "theirs"}, "codec theirs version 5, code"),
         (lambda line: line | {"score_key": line["score_key"] | {"btf": "0" * 64}}, "differ from the submitted data"),
         (lambda line: {key: value for key, value in line.items() if key != "file"}, "has no 'file'"),
         (lambda line: line | {"file": "files/none.nbtf"}, "none.nbtf"),

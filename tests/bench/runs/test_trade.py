@@ -428,7 +428,7 @@ def choosing(monkeypatch, out, suite=SUITE, **wish):
         ({"min_psnr": 1.0}, 0, "neubtf-bench encode tiny --codec "),
         ({"max_bytes": "1M", "max_ns": 1e9}, 0, "--codec "),
         ({"min_psnr": 99.0}, 1, "no setting meets that; the nearest is"),
-        ({"max_bytes": "1"}, 1, "the nearest is mean-colour"),
+        ({"max_bytes": "1"}, 1, "the nearest is pca components=2"),
     ],
 )
 def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, monkeypatch, capsys, wish, code, words):
