@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, cast
 
 from bench.metrics import PERIODIC, in_decibels, is_relative, label_of, metric_of
 from bench.records import (
+    LOW_LIGHT,
     OUTSIDE,
     PSNR,
     RMSE,
@@ -441,7 +442,8 @@ class _Band(NamedTuple):
 
 
 def _bands(job: Job) -> list[_Band]:
-    """All pairs that decide, then the subsets of them, without subsets of subsets, which would be too many columns.
+    """All pairs that decide, then the subsets of them, without subsets of subsets, which would be too many columns;
+    last the pairs of low light, where there are some, which decide nothing.
 
     A record names a group after what it is part of: "heldout", then "heldout, grazing view".
     """
@@ -454,6 +456,8 @@ def _bands(job: Job) -> list[_Band]:
         if parent == deciding and subset and not is_subset_of_subset:
             subsets.append(_Band(_BAND_NAMES.get(subset, subset), group, scores[group].get("slices", 0)))
     subsets.sort(key=lambda band: _band_place(band.name))
+    if LOW_LIGHT in scores:
+        subsets.append(_Band("θ_i>75°", LOW_LIGHT, scores[LOW_LIGHT].get("slices", 0)))
     all_name = "held out" if deciding == "heldout" else "all"
     return [_Band(all_name, deciding, scores[deciding].get("slices", 0)), *subsets]
 

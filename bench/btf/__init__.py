@@ -31,6 +31,7 @@ from bench.inputs.errors import InputError
 # The `source` of a provenance. These words are part of fingerprints, so they stay, however our packages are called.
 RENDERED = "rendered by bench.materials"
 BAKED = "baked from maps by bench.bake"
+MASKS = ("heldout", "validation", "low_light")  # of pairs that no codec trains on: fields of a BTF
 SAME_DIRECTION = 1e-6  # the largest distance of two unit vectors that count as one direction
 MANY_TEXELS = 4_096  # that are read at once: more are picked out of whole slices
 Array = np.ndarray
@@ -276,11 +277,13 @@ class Layout:
 
 @dataclass(frozen=True)
 class Split:
-    """Disjoint pair indices: what a codec may train on, the held-out groups by name, and those that choose settings."""
+    """Disjoint pair indices: what a codec may train on, the held-out groups by name, those that choose settings, and
+    those of low light, which decide nothing."""
 
     train: Array
     heldout: dict[str, Array] = field(default_factory=dict)
     validation: Array = field(default_factory=lambda: np.empty(0, int))
+    low_light: Array = field(default_factory=lambda: np.empty(0, int))  # lower lights than any that is trained on
 
     def __repr__(self) -> str:
         """A line such as `<Split: 64 training pairs, 17 held out (new view 8, new light 8, both new 1)>`."""
@@ -289,6 +292,8 @@ class Split:
         words = [f"{len(self.train):,} training pairs", f"{held:,} held out" + (f" ({groups})" if groups else "")]
         if len(self.validation):
             words.append(f"{len(self.validation):,} for validation")
+        if len(self.low_light):
+            words.append(f"{len(self.low_light):,} of low light")
         return f"<Split: {', '.join(words)}>"
 
 
@@ -299,7 +304,8 @@ class BTF:
     Every read checks that the values are finite; if not, it raises a `NotFiniteError` with their number and place.
 
     `wo` and `wi` are (N, 3) float32, `shape` is (H, W), `len(btf)` is N and `btf[i]` the slice (H, W, 3) float32.
-    `heldout`, where declared, is an (N,) mask of pairs that no codec may train on; `validation`, of those that choose.
+    `heldout`, where declared, is an (N,) mask of pairs that no codec may train on; `validation`, of those that choose;
+    `low_light`, of pairs lit lower than any that is trained on, which belong to none of these.
     `periodic` says that the picture wraps around without a seam, as every rendered material does.
     """
 
@@ -310,6 +316,7 @@ class BTF:
     _: KW_ONLY
     heldout: Array | None = None
     validation: Array | None = None
+    low_light: Array | None = None
     periodic: bool = False
     provenance: dict[str, Any] = field(default_factory=dict)
     pairs: Array = None  # type: ignore[assignment]  # those of the source; by default all
@@ -322,12 +329,17 @@ class BTF:
             self.pairs = np.arange(self.source.count)
         self.heldout = None if self.heldout is None else np.asarray(self.heldout, bool)
         self.validation = None if self.validation is None else np.asarray(self.validation, bool)
+        self.low_light = None if self.low_light is None else np.asarray(self.low_light, bool)
         self.provenance = dict(self.provenance or {})
         if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
             raise ValueError(f"wo and wi must be ({len(self.pairs)}, 3), not {self.wo.shape}, {self.wi.shape}")
-        for name, mask in (("heldout", self.heldout), ("validation", self.validation)):
+        for name in MASKS:
+            mask = getattr(self, name)
             if mask is not None and mask.shape != (len(self.pairs),):
                 raise ValueError(f"{name} must be ({len(self.pairs)},), not {mask.shape}")
+        # Whole views and lights that `split` would hold out otherwise have no place for them.
+        if self.heldout is None and self.low_light is not None and self.low_light.any():
+            raise ValueError("low_light needs a declared heldout, which may be all False")
 
     def __repr__(self) -> str:
         held = "" if self.heldout is None else f", {int(self.heldout.sum()):,} of them held out"
@@ -369,11 +381,19 @@ class BTF:
         """The same BTF at some of its pairs, given by index."""
         chosen = np.asarray(pairs)
         kept: dict[str, Any] = {}
-        for name in ("wo", "wi", "heldout", "validation", "pairs"):
+        for name in ("wo", "wi", *MASKS, "pairs"):
             values = getattr(self, name)
             kept[name] = None if values is None else values[chosen]
         # The source keeps its numbering, so `pairs` stays valid.
         return replace(self, source=self.source.only(self.pairs[chosen]), **kept)
+
+    def without_low_light(self) -> "BTF":
+        """The BTF without its pairs of low light, as if they had never been drawn."""
+        if self.low_light is None:
+            return self
+        rest = self.subset(np.flatnonzero(~self.low_light))
+        provenance = {key: value for key, value in self.provenance.items() if key != "low_light"}
+        return replace(rest, low_light=None, provenance=provenance)
 
     def without_test(self) -> "BTF":
         """The BTF without its test pairs; its held-out pairs are then whole views and lights of the rest."""
@@ -414,7 +434,12 @@ class BTF:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hex digest of content, pairs, directions and declared split; two BTFs that share it hold the same table."""
+        """Hex digest of content, pairs, directions and declared split; two BTFs that share it hold the same table.
+
+        Pairs of low light are not part of it: they decide nothing, so scores with and without them are comparable.
+        """
+        if self.low_light is not None:
+            return self.without_low_light().fingerprint
         digest = hashlib.sha256(self.source.digest.encode())
         digest.update(self.pairs.astype(np.int64).tobytes())
         digest.update(self.wo.tobytes() + self.wi.tobytes())
@@ -434,9 +459,10 @@ class BTF:
         """
         everything = np.arange(len(self))
         chosen_by = np.zeros(len(self), bool) if self.validation is None else self.validation
+        low = np.zeros(len(self), bool) if self.low_light is None else self.low_light
         if self.heldout is not None:
-            train = everything[~self.heldout & ~chosen_by]
-            return Split(train, {"heldout": everything[self.heldout]}, everything[chosen_by])
+            train = everything[~self.heldout & ~chosen_by & ~low]
+            return Split(train, {"heldout": everything[self.heldout]}, everything[chosen_by], everything[low])
         rng = np.random.default_rng(seed)
         # Masks (N,) of the pairs whose view, or whose light, is held out.
         new_view = _heldout_directions(rng, len(self.layout.views), fraction)[self.layout.view]

@@ -225,6 +225,7 @@ def btf_fields(portrait: "Look") -> dict[str, Any]:
         "periodic": btf.periodic,
         "training": _pairs_fields(btf, split.train),
         "heldout": {name: _pairs_fields(btf, pairs) for name, pairs in split.heldout.items()},
+        "low_light": _pairs_fields(portrait.low_light, np.arange(len(portrait.low_light))),
         "slices_read": portrait.read,
         "values": {"minimum": float(low), "median": float(np.median(portrait.values)), "maximum": float(high)},
         "exposed": portrait.exposed._asdict(),
@@ -249,6 +250,8 @@ def btf_lines(btf: dict[str, Any]) -> str:
         lines.append(f"{title}: {_pairs_line(pairs)}")
     if not btf["heldout"]:
         lines.append("held out: no pairs")
+    if btf["low_light"]["pairs"]:
+        lines.append(f"low light: {_pairs_line(btf['low_light'])}")
     of_which = "of all slices"
     if btf["slices_read"] < btf["pairs"]:
         of_which = f"of {btf['slices_read']:,} of {btf['pairs']:,} slices; others may hold more, or NaN"

@@ -22,6 +22,7 @@ from bench.inputs.errors import InputError
 from bench.metrics import metric_of, stats_of
 from bench.records import (
     FLIP,
+    LOW_LIGHT,
     PSNR,
     VALIDATION,
     Group,
@@ -281,7 +282,8 @@ def published_job(job: Job, folder: Path) -> Job:
     line["scores"] = {}
     for name, group in job["scores"].items():
         part_of_deciding = name.startswith(f"{decides}, ")  # such as pairs at grazing views
-        if part_of_deciding or name in (decides, "all", "train", "train, grazing light", VALIDATION, "scene"):
+        others = ("all", "train", "train, grazing light", VALIDATION, LOW_LIGHT, "scene")
+        if part_of_deciding or name == decides or name in others:
             line["scores"][name] = group
     slices = decibels(folder, job)
     if slices is not None:

@@ -24,7 +24,7 @@ def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample:
     """
     if thin < 0 or downsample < 1:
         raise InputError(f"--thin must be at least 0 and --downsample at least 1, not {thin}, {downsample}")
-    btf = thinned(btf, thin)
+    btf = thinned(btf.without_low_light(), thin)
     if crop:
         H, W = btf.shape
         row, col, height, width = crop
@@ -61,6 +61,7 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
     `InputError` if `out` is a folder that is not empty, or cannot be made.
     """
     check_place(out)
+    btf = btf.without_low_light()  # no format of ours says which pairs these are, so a fit would train on them
     btf = btf.over(_Watched(btf.source, show, len(btf)))
     with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:
         if out.suffix == ".npz":

@@ -1,6 +1,6 @@
-"""Joins tables of one surface into one BTF: training pairs, held-out pairs, and those that choose settings.
+"""Joins tables of one surface into one BTF: pairs to train on, held-out ones, those that choose settings, of low light.
 
-A *table* is the pairs of one of these three kinds (`bench.data.spec.Table`). Each is rendered into a file of its own,
+A *table* is the pairs of one of these four kinds (`bench.data.spec.Table`). Each is rendered into a file of its own,
 so that another draw of test pairs renders only their table again. A *part* of a joined source holds the values of a
 table.
 """
@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.btf import BTF, Array, Source
+from bench.btf import BTF, MASKS, Array, Source
 from bench.data.spec import Table
 
 
@@ -76,13 +76,14 @@ class Joined(Source):
 def followed(btf: BTF, further: BTF, kind: str, words: str) -> BTF:
     """A BTF with the pairs of `further`, of the same surface, behind its own; `words` describe them in the provenance.
 
-    `kind` is what these pairs are for: `heldout`, which may only follow a BTF that holds none out, or `validation`, by
-    which settings are chosen.
+    `kind` is what these pairs are for, the name of a mask of the BTF: `heldout`, `validation`, by which settings are
+    chosen, or `low_light`. No pair of the BTF may be of this kind yet.
     """
-    # `heldout` and `validation` are masks of the BTF, by name. The mask of held-out pairs goes on behind its end.
     masks = {kind: np.arange(len(btf) + len(further)) >= len(btf)}
-    if kind == "validation":  # none of the further pairs is held out for the test
-        masks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(further), bool)])
+    for name in MASKS:  # none of the further pairs is of another kind
+        before = getattr(btf, name)
+        if name != kind and before is not None:
+            masks[name] = np.concatenate([before, np.zeros(len(further), bool)])
     wo, wi = np.concatenate([btf.wo, further.wo]), np.concatenate([btf.wi, further.wi])
     source = Joined(btf.source, further.source)
     provenance = btf.provenance | {kind: words}

@@ -83,6 +83,7 @@ class Look:
     half_vectors: HalfVectors | None  # checks them instead of the lobe
     extremes: tuple[float, float]  # the least and the largest value of all slices that were read
     read: int  # how many slices these are
+    low_light: BTF  # the pairs of low light, at which nothing is looked; `btf` is without them
     exposed: Exposed  # the exposure of the training pairs and what it makes of the test pairs; of read slices if large
 
     @cached_property
@@ -192,7 +193,9 @@ class Look:
 
 def look(btf: BTF) -> Look:
     """The findings from at most about 150 slices of a BTF, which are read one at a time, and the extremes of all where
-    it is small."""
+    it is small. Nothing is looked at where the light is lower than any to train on."""
+    low_light = btf.subset(btf.split().low_light)
+    btf = btf.without_low_light()
     lobe = mean_lobe(btf)
     # 1. The pairs to read: of one view, of one light, of the contact sheet, and spread ones where no ring was found.
     of_one_view = _pairs_nearest_normal(btf.layout.view, btf.wo, btf.wi)
@@ -262,6 +265,7 @@ def look(btf: BTF) -> Look:
         halves,
         (min(lows), max(highs)),
         len(lows),
+        low_light,
         found,
     )
 

@@ -3,7 +3,8 @@
 The pairs of a rendered material are a product to train on (every view with every light), and random held-out pairs for
 validation or test. `validation` pairs are one fixed draw; a codec's defaults, its recipe and when its fit stops are
 chosen on them. `test` pairs are only for tables of results; they use another random stream, with another draw for each
-repetition (a seed of the suite) and each material.
+repetition (a seed of the suite) and each material. Pairs of *low light* are one further draw, whose lights are lower
+than any of the training pairs; they decide nothing.
 
 A *provenance* is the part of a BTF that says, in words and numbers, how its values were made.
 """
@@ -27,6 +28,7 @@ Split = Literal["test", "validation"]
 Renderer = Literal["builtin", "mitsuba"]
 Angles = Literal["checked", "degrees", "radians"]
 MOST_NAME = 200  # bytes of a material's name; a run adds words to it, and systems allow 255
+LOW_LIGHT_DEG = (75.0, 89.0)  # the least and the largest θ_i of pairs of low light
 MOST = 1 << 38  # bytes of the radiance of a rendered material, as float32
 Directions = Annotated[int, Range(1, 10_000)]
 
@@ -34,7 +36,7 @@ Directions = Annotated[int, Range(1, 10_000)]
 class Table(NamedTuple):
     """Pairs of one kind."""
 
-    kind: Literal["train", "heldout", "validation"]
+    kind: Literal["train", "heldout", "validation", "low_light"]
     words: str  # what a provenance says of them; "" for the product to train on
     pairs: tuple[Array, Array]  # `wo` and `wi` (N, 3)
 
@@ -53,6 +55,7 @@ class Preparation:
     heldout: Annotated[int, Range(0, 100_000)] = 150  # further random pairs, uniform in solid angle up to 75°
     split: Split = "test"  # held-out pairs: "test", another draw for each seed, or "validation", to choose settings
     validation: bool = False  # score validation pairs besides test pairs; fits to measured data then exclude them
+    low_light: Annotated[int, Range(0, 100_000)] = 0  # further pairs, θ_i of 75° to 89°: scored, but deciding nothing
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
     # The most training pairs, and pairs of held-out views and lights, that are scored, always the same ones; 0: all.
@@ -68,13 +71,15 @@ class Preparation:
         Scripts make a `Preparation` directly, past the checks of `changed`, so some fields are checked again here.
         """
         bytes_of_a_texel = 3 * 4  # red, green and blue as float32
-        needed = bytes_of_a_texel * self.size**2 * (self.views * self.lights + self.heldout)
+        further = self.heldout + self.low_light
+        needed = bytes_of_a_texel * self.size**2 * (self.views * self.lights + further)
         if needed > MOST:
-            asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {self.heldout} pairs"
-            limit = f"the limit is {MOST >> 30}: lower size, views, lights or heldout"
+            asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {further} pairs"
+            limit = f"the limit is {MOST >> 30}: lower size, views, lights, heldout or low_light"
             raise InputError(f"{asked} are {needed / 2**30:,.0f} GiB, but {limit}")
-        if self.heldout < 0:
-            raise InputError(f"heldout must be at least 0, not {self.heldout}")
+        for name in ("heldout", "low_light"):
+            if getattr(self, name) < 0:
+                raise InputError(f"{name} must be at least 0, not {getattr(self, name)}")
         if self.split not in get_args(Split):
             raise InputError(f"split must be {' or '.join(get_args(Split))}, not {self.split!r}")
         if self.angles not in get_args(Angles):
@@ -103,10 +108,16 @@ class Preparation:
         # in hexadecimal only keep the streams apart.
         stream = [seed, 0x5EED]
         if self.split == "test":
-            material_number = int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
-            stream = [seed, 0x7E57, draw, material_number]
+            stream = [seed, 0x7E57, draw, _number_of(material)]
         rng = np.random.default_rng(stream)
         return uniform(rng, self.heldout), uniform(rng, self.heldout)
+
+    def drawn_low_light(self, material: str, seed: int) -> tuple[Array, Array]:
+        """`wo` and `wi` (low_light, 3) float32 of the pairs of low light, which differ by `material`: uniform in solid
+        angle, views up to 75°, lights in `LOW_LIGHT_DEG`."""
+        rng = np.random.default_rng([seed, 0x10FF, _number_of(material)])
+        least, largest = LOW_LIGHT_DEG
+        return uniform(rng, self.low_light), uniform(rng, self.low_light, largest, least)
 
     def described(self, draw: int = 0) -> str:
         """The held-out pairs in words, for a provenance: `150 test pairs, draw 0, uniform in solid angle, …`."""
@@ -125,6 +136,9 @@ class Preparation:
             # `validation` is refused with that split; here it has done its work.
             of_validation = dataclasses.replace(self, split="validation", validation=False)
             tables.append(Table("validation", of_validation.described(), of_validation.drawn(material, seed)))
+        if self.low_light:  # the last table: without it the BTF is the same as if it had never been
+            words = f"{self.low_light} pairs of low light, theta_i_deg {LOW_LIGHT_DEG[0]:g} to {LOW_LIGHT_DEG[1]:g}"
+            tables.append(Table("low_light", words, self.drawn_low_light(material, seed)))
         return tables
 
     def everything(self, material: str, seed: int) -> tuple[Array, Array]:
@@ -132,6 +146,11 @@ class Preparation:
         wo, wi = self.product()
         drawn_wo, drawn_wi = self.drawn(material, seed)
         return np.concatenate([wo, drawn_wo]), np.concatenate([wi, drawn_wi])
+
+
+def _number_of(material: str) -> int:
+    """A number for the random streams of a material, of its name."""
+    return int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
 
 
 @dataclass(frozen=True)

@@ -76,8 +76,9 @@ def thinned_product(directions: Array, views: int, lights: int) -> tuple[Array, 
     return product(directions[thin(directions, views)], directions[thin(directions, lights)])
 
 
-def uniform(rng: np.random.Generator, count: int, theta_max_deg: float = 75.0) -> Array:
-    """Directions (count, 3) float32 drawn uniformly in solid angle up to θ_max."""
+def uniform(rng: np.random.Generator, count: int, theta_max_deg: float = 75.0, theta_min_deg: float = 0.0) -> Array:
+    """Directions (count, 3) float32 drawn uniformly in solid angle from θ_min up to θ_max."""
     # On a sphere, zones of equal height have equal areas, so the height is drawn uniformly.
-    z = 1.0 - rng.random(count) * (1.0 - np.cos(np.radians(theta_max_deg)))
+    highest, lowest = np.cos(np.radians([theta_min_deg, theta_max_deg]))
+    z = highest - rng.random(count) * (highest - lowest)
     return from_angles(np.arccos(z), rng.random(count) * 2 * np.pi)

@@ -20,6 +20,7 @@ from bench.records.lines import (
 from bench.records.meaning import (
     CONDITIONS,
     FLIP,
+    LOW_LIGHT,
     MOST_DB,
     OUTSIDE,
     PSNR,

@@ -21,6 +21,7 @@ PSNR, SSIM, FLIP, RMSE = "psnr_display", "ssim", "flip_ldr", "rmse_linear"  # fa
 MOST_DB = 48.13
 
 VALIDATION = "validation"  # the group of pairs by which settings are chosen
+LOW_LIGHT = "low light"  # the group of pairs lit lower than any training pair, which decide nothing
 SCENE_HELDOUT = "scene, held out"  # the held-out pairs that lie in a scene, weighted by its demand
 OUTSIDE = "outside the scene"  # the group of pairs that the demand of a scene does not touch
 SAME_EXPOSURE = 1e-4  # relative, a gain of 0.0004 dB: published records are rounded, machines differ in the last bit

@@ -113,6 +113,7 @@ class ScoreKey(TypedDict, total=False):
     sha256: Annotated[Text, RESULTS | CLAIM]
     code: Text
     scored: Count  # pairs, where not all are
+    low_light: Count  # pairs of the group of that name, which the fingerprint leaves out
     btf: Annotated[Text, PUBLISHED | CLAIM]
     exposure: Annotated[Number, PUBLISHED | CLAIM]
     metrics: Annotated[dict[str, Count], RESULTS | CLAIM]

@@ -1,9 +1,10 @@
 """Scores one codec file against its material: figures go into the record, large arrays into files beside it.
 
 A pair is a view direction with a light direction; the slice of a pair is the radiance (H, W, 3) of all texels for it. A
-file is scored at the pairs `workbench.scored`. *Deciding* pairs are those whose mean error ranks codecs: held-out
-pairs, which no fit has seen, or all pairs if none are held out. A *footprint* is the square of texels, 1, 2, 4 or 8
-wide, that one query covers when a surface is seen from afar.
+file is scored at the pairs `workbench.scored`, and apart from these at pairs of *low light*, lower than any that is
+fitted. *Deciding* pairs are those whose mean error ranks codecs: held-out pairs, which no fit has seen, or all pairs if
+none are held out. A *footprint* is the square of texels, 1, 2, 4 or 8 wide, that one query covers when a surface is
+seen from afar.
 """
 
 import dataclasses
@@ -33,6 +34,7 @@ from bench.metrics.flip import magma
 from bench.program.recording import program_of
 from bench.records import (
     FLIP,
+    LOW_LIGHT,
     PSNR,
     SCENE_HELDOUT,
     Bytes,
@@ -69,7 +71,9 @@ def conditions(workbench: Workbench) -> ScoreKey:
     key |= {"metrics": versions, "footprints": scoring.FOOTPRINTS_VERSION}
     if workbench.demand:
         key["demand"] = workbench.demand.fingerprint
-    if len(workbench.scored) < len(workbench.btf):  # not all pairs are scored
+    if LOW_LIGHT in workbench.groups:
+        key["low_light"] = len(workbench.groups[LOW_LIGHT])
+    if len(workbench.scored) < len(workbench.groups["all"]):  # not all pairs are scored
         key["scored"] = len(workbench.scored)
     # The pairs whose mean ranks codecs. If only some of them are scored, the mean depends on which.
     all_deciding = workbench.groups[deciding_group(workbench.groups)]
@@ -105,10 +109,11 @@ def record_of_scores(
     decoder = Slices(workbench, material, show)
     with torch_threads(threads):
         scores = workbench.scorer.score(workbench.scored, decoder.slice_with_progress)
+        lowest = _at_low_light(workbench, decoder)
         coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.slice, workbench.exposure, COARSE)
         pictures = _pictures(workbench, decoder)
         in_scene = _in_scene(workbench, material)
-    summary = _summary_of_groups(workbench, scores)
+    summary = _summary_of_groups(workbench, scores) | lowest
     finest = summary[deciding_group(workbench.groups)]["metrics"][PSNR]
     # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
     at_one_texel: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
@@ -122,7 +127,7 @@ def record_of_scores(
     record: Job = {
         "shape": list(workbench.btf.shape),
         "pairs": {name: len(pairs) for name, pairs in workbench.groups.items()},
-        "views": len(workbench.btf.layout.views),
+        "views": len(workbench.btf.without_low_light().layout.views),
         "provenance": cast(Provenance, workbench.btf.provenance),
         "parameters": parameter_count,
         "resident": resident,
@@ -148,9 +153,9 @@ def record_of_scores(
 
 def _summary_of_groups(workbench: Workbench, scores: scoring.Scores) -> dict[str, Any]:
     """The means of scores over each group of pairs, and over the pairs that a scene asks for, by name of the group."""
-    groups = dict(workbench.groups)
+    groups = {name: pairs for name, pairs in workbench.groups.items() if name != LOW_LIGHT}
     decides = deciding_group(workbench.groups)  # "heldout", or "all" if no pairs are held out
-    if decides != "all" and len(workbench.scored) < len(workbench.btf):
+    if decides != "all" and len(workbench.scored) < len(workbench.groups["all"]):
         del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
     summary: dict[str, Any] = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
     if workbench.scene_shares is not None:
@@ -158,6 +163,19 @@ def _summary_of_groups(workbench: Workbench, scores: scoring.Scores) -> dict[str
     if workbench.heldout_shares is not None:
         summary[SCENE_HELDOUT] = scoring.weighted(scores, workbench.heldout_shares)
     return summary
+
+
+def _at_low_light(workbench: Workbench, decoder: "Slices") -> dict[str, Any]:
+    """The means of scores over the pairs of low light, as the group of that name; empty without such pairs.
+
+    They are scored apart, so that no map, bin or mean of the other pairs holds them.
+    """
+    pairs = workbench.groups.get(LOW_LIGHT)
+    if pairs is None:
+        return {}
+    scores = workbench.scorer.score(pairs, decoder.slice)
+    summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, {LOW_LIGHT: pairs})
+    return {LOW_LIGHT: summary[LOW_LIGHT]}
 
 
 def metric_facts(metric: Metric) -> MetricFacts:

@@ -232,6 +232,7 @@ def encode_for_scene(
         demand = load_demand(Path(scene.demand))
     wanted = fitting.Goal(scene.psnr, scene.flip)
     container.refuse_other_file(Path(out))
+    btf = btf.without_low_light()
     network = shared.find_for(instance)
     shared.refuse_training_material(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
     scorer = FrameScorer(table_of(btf), demand, show)

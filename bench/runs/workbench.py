@@ -32,7 +32,7 @@ from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.display import Exposed, exposed
 from bench.metrics.scoring import Scorer
-from bench.records import OUTSIDE, VALIDATION, deciding_group
+from bench.records import LOW_LIGHT, OUTSIDE, VALIDATION, deciding_group
 
 log = logging.getLogger(__name__)
 MOST_STORED = 16  # how many slices are stored as pictures, for the slice viewer of a report
@@ -93,10 +93,13 @@ class Workbench:
 
     @cached_property
     def scene_shares(self) -> np.ndarray | None:
-        """The share (N,) of each pair in the scene's demand; None without a demand."""
+        """The share (N,) of each pair in the scene's demand, 0 for those of low light; None without a demand."""
         if self.demand is None:
             return None
-        return pair_shares(self.btf.layout, self.demand)
+        shares = np.zeros(len(self.btf))
+        usual = np.delete(np.arange(len(self.btf)), self.split.low_light)
+        shares[usual] = pair_shares(self.btf.without_low_light().layout, self.demand)
+        return shares
 
     @cached_property
     def heldout_shares(self) -> np.ndarray | None:
@@ -129,10 +132,12 @@ class Workbench:
         """The indices of the pairs of each group, by the name under which reports show it. Empty groups are left out.
 
         Held-out pairs are inside the hull if training pairs lie around them in each direction, and else outside: there
-        a decoder must extrapolate. Both groups have as many pairs at about the same θ_o and θ_i.
+        a decoder must extrapolate. Both groups have as many pairs at about the same θ_o and θ_i. Pairs of low light are
+        in their own group alone.
         """
+        everything = np.delete(np.arange(len(self.btf)), self.split.low_light)
         heldout = np.sort(np.concatenate([np.empty(0, int), *self.split.heldout.values()])).astype(int)
-        groups = {"all": np.arange(len(self.btf)), "train": self.split.train, "heldout": heldout}
+        groups = {"all": everything, "train": self.split.train, "heldout": heldout}
         if len(self.split.heldout) > 1:  # views, lights or pairs of both were held out, each a group of its own
             groups |= {f"heldout, {name}": pairs for name, pairs in self.split.heldout.items()}
         if len(heldout):
@@ -143,7 +148,8 @@ class Workbench:
             groups |= {"heldout, inside hull": inside, "heldout, outside hull": outside_alike}
         groups[VALIDATION] = self.split.validation
         if self.scene_shares is not None:
-            groups[OUTSIDE] = np.flatnonzero(self.scene_shares == 0)
+            groups[OUTSIDE] = everything[self.scene_shares[everything] == 0]
+        groups[LOW_LIGHT] = self.split.low_light
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
 
     def _at_equal_angles(self, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -170,7 +176,7 @@ class Workbench:
 
         Held-out pairs that were drawn or declared are all scored. Held-out views and lights of a measurement have
         thousands of pairs, of which a fixed draw is scored. With a scene's demand, which weights all pairs, all are
-        scored.
+        scored. Pairs of low light are not among them: they are scored apart.
         """
         if self.demand or not self.most_scored:
             return self.groups["all"]

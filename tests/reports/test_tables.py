@@ -170,6 +170,16 @@ def test_a_run_of_one_view_says_so(made):
     assert "view" not in two.split_in_words
 
 
+def test_pairs_of_low_light_are_the_last_band_where_a_record_has_them(made):
+    group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": STATS}}
+    scores = dict.fromkeys(("all", "train", "heldout", "heldout, grazing light"), group)
+    (plain,) = tables(made.job(scores=scores), "angular")
+    assert not any("75°" in header for header in cells(plain))
+    scores["low light"] = group | {"slices": 30, "metrics": {"psnr_display": STATS | {"mean": 12.5}}}
+    (table,) = tables(made.job(scores=scores), "angular")
+    assert list(cells(table).items())[-1] == ("θ_i>75° dB ↑ (30)", "12.50")
+
+
 def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
     says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0}
     says["metrics"] = {"psnr_display": 28.125, "psnr_log1p": 27.0, "ssim": None, "flip_ldr_67ppd": 0.0625}

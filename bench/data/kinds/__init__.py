@@ -31,6 +31,7 @@ OF_RENDERED = {
     "data.size": "give data.texels",
     "data.directions": "leave it out",
     "data.heldout": "whole views and lights are held out",
+    "data.low_light": "leave it out",
     "data.renderer": "leave it out",
 }
 OF_MEASURED = {

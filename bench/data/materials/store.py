@@ -3,8 +3,8 @@
 The description is written last and both files are renamed into place, so readers never accept an interrupted rendering.
 Values are float16 (half the bytes, 5e-4 relative), or float32 if a highlight would overflow.
 
-There is a rendering for each `Table`, the pairs of one kind (to train on, for test, for validation), so that another
-draw of test pairs renders only that table again.
+There is a rendering for each `Table`, the pairs of one kind (to train on, for test, for validation, of low light), so
+that another draw of test pairs renders only that table again.
 """
 
 import hashlib

@@ -5,8 +5,10 @@ from bench.btf import BTF
 from bench.codec import silent
 from bench.conformance.check import tiny_btf
 from bench.data import convert
+from bench.data.kinds import kind_of
 from bench.data.open import open_material, open_named
 from bench.data.spec import MaterialSpec, Preparation, named
+from bench.directions.hemisphere import to_degrees
 from bench.inputs.errors import InputError, MissingDataError
 
 
@@ -88,3 +90,48 @@ def test_validation_pairs_of_rendered_materials_change_neither_training_nor_test
 def test_validation_beside_nothing_is_refused(wrong):
     with pytest.raises(InputError, match="validation"):
         Preparation(validation=True, **wrong)
+
+
+def test_pairs_of_low_light_change_no_other_pair_and_no_fingerprint(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    small = {"size": 8, "views": 4, "lights": 4, "heldout": 3, "validation": True}
+    plain, low = (
+        open_material(MaterialSpec("satin"), Preparation(**small, low_light=count), silent) for count in (0, 5)
+    )
+    split = low.split()
+    theta_o, theta_i = (to_degrees(side[split.low_light])[0] for side in (low.wo, low.wi))
+    assert len(theta_i) == 5
+    assert 75 <= theta_i.min() < theta_i.max() <= 89
+    assert theta_o.max() <= 75
+    assert all(low[int(pair)].max() > 0 for pair in split.low_light)  # rendered, though dim
+    np.testing.assert_array_equal(low[:22], plain[:])
+    assert split.heldout["heldout"].tolist() == plain.split().heldout["heldout"].tolist()
+    assert split.validation.tolist() == plain.split().validation.tolist()
+    assert low.subset(split.train).fingerprint == plain.subset(plain.split().train).fingerprint  # one fit serves both
+    assert low.fingerprint == low.without_low_light().fingerprint == plain.fingerprint
+    assert low.without_low_light().provenance == plain.provenance
+    outline = kind_of(MaterialSpec("satin")).outline(MaterialSpec("satin"), Preparation(**small, low_light=5), 0)
+    assert (len(outline), outline.fingerprint) == (len(low), low.fingerprint)
+    rest = low.without_test()
+    assert not rest.low_light.any()
+    assert len(rest) == 16
+    other = open_material(MaterialSpec("brick"), Preparation(**small, low_light=5), silent)
+    assert not np.isin(other.wi[other.low_light], low.wi).all(1).any()  # each material has a draw of its own
+
+
+def test_what_is_written_leaves_out_pairs_of_low_light_which_a_fit_would_train_on(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    btf = open_named("satin", {"data.size": "8", "data.views": "4", "data.lights": "4", "data.low_light": "5"})
+    for name in ("a.npz", "folder"):
+        convert.write_btf(btf, tmp_path / name)
+        written = open_named(str(tmp_path / name), {})
+        assert len(written) == len(btf) - 5
+        assert len(written.split().train) == 16
+
+
+def test_low_light_needs_a_place_beside_declared_pairs():
+    btf = tiny_btf(4, 4, 4)
+    with pytest.raises(ValueError, match="declared heldout"):
+        BTF("a", btf.wo, btf.wi, btf.source, low_light=np.arange(16) == 3)
+    with pytest.raises(InputError, match="low_light must be at least 0"):
+        Preparation(low_light=-1)

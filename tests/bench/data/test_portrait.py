@@ -10,6 +10,7 @@ from bench.cli.console import btf_fields, btf_lines
 from bench.conformance.check import tiny_btf
 from bench.data import portrait
 from bench.data.convert import write_btf
+from bench.data.materials import load
 from bench.data.portrait import _draw_directions as draw_directions
 from bench.data.portrait import draw, look
 from bench.data.readers import open_btf
@@ -251,6 +252,16 @@ def test_info_repairs_and_takes_the_unit_of_angles_as_its_errors_suggest(tmp_pat
     ]
     assert cli.main(run) == 2
     assert cli.main([*run, "--radians"]) == 0
+
+
+def test_info_counts_pairs_of_low_light_and_looks_at_none_of_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
+    small = {"size": 8, "views": 9, "lights": 9, "heldout": 4}
+    plain, low = (btf_lines(btf_fields(look(load("satin", **small, low_light=count)))).split("\n") for count in (0, 5))
+    (line,) = [line for line in low if line.startswith("low light: ")]
+    assert line.startswith("low light: 5 pairs, 5 views up to ")
+    low.remove(line)
+    assert low == plain
 
 
 def test_info_warns_and_draws(tmp_path, btf, capsys):

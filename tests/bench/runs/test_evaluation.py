@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,10 +10,12 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
-from bench.conformance.check import tiny_btf
+from bench.conformance.check import tiny_btf, tiny_radiance
+from bench.data.joined import followed
 from bench.directions.hemisphere import from_degrees
 from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
+from bench.metrics.display import to_display
 from bench.metrics.scoring import footprint_errors
 from bench.runs.drawing import sparse_truth
 from bench.runs.evaluation import Slices, evaluate, score_key, store_drawing
@@ -80,6 +83,34 @@ def test_of_many_training_pairs_a_few_tell_and_every_held_out_pair_counts(tmp_pa
     slices = stored[few["slices"]]
     assert {len(values) for name, values in slices.items() if name != "abrdf"} == {5 + few["pairs"]["heldout"]}
     assert score_key(whole, file.header) != score_key(some, file.header)
+
+
+def test_pairs_of_low_light_are_a_group_of_their_own_and_change_nothing_else(tmp_path):
+    few = tiny_btf(16, 5, 5)
+    wo, wi = from_degrees([20, 40, 70], [0, 70, 200]), from_degrees([76, 82, 88], [0, 90, 300])
+    row, col = np.mgrid[:16, :16] / 16
+    dim = tiny_radiance(row, col, wo[:, None, None], wi[:, None, None]).astype(np.float32)
+    declared = replace(few, heldout=np.arange(25) >= 20)
+    low = followed(declared, BTF("low", wo, wi, ArraySource(dim), periodic=True), "low_light", "three")
+    codec = load_codec("mean-colour")()
+    file = loading.load(container.save(tmp_path / "file", codec, codec.encode(declared, Fit())).path)
+    plain, lit = Workbench(declared, "tiny"), Workbench(low, "tiny")
+    without, record = (evaluate(bench, file, 1, lambda name, _: name, lambda *_: None) for bench in (plain, lit))
+    assert lit.groups["low light"].tolist() == [25, 26, 27]
+    assert lit.groups["all"].tolist() == plain.groups["all"].tolist()
+    assert lit.exposure == plain.exposure
+    found = record["scores"].pop("low light")
+    assert found["slices"] == record["pairs"].pop("low light") == 3
+    errors = []
+    for pair in (25, 26, 27):
+        answer = file.material.slice(low.wo[pair].tolist(), low.wi[pair].tolist()).numpy()
+        errors.append(np.square(to_display(low[pair], lit.exposure) - to_display(answer, lit.exposure)).mean())
+    assert found["metrics"]["psnr_display"]["pooled"] == pytest.approx(-10 * np.log10(np.mean(errors)), abs=1e-3)
+    del record["provenance"], without["provenance"]
+    assert record == without
+    key, other = (score_key(bench, file.header) for bench in (lit, plain))
+    assert key.pop("low_light") == 3
+    assert key == other
 
 
 def loaded(material):
