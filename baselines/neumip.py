@@ -192,8 +192,9 @@ class NeuMIPObjective(Objective):
         # Components that separate texels also separate heights; from zeros the offset is found late or never.
         first = torch.zeros_like(finest) if settings.start == "random" else finest.clone()
         self.offset = nn.Parameter(first) if settings.offset else None
-        self.rounded_table = Rounding(settings.channels, settings.bits)
-        self.rounded_offset = Rounding(settings.channels, settings.bits) if settings.offset else None
+        self.rounded_table = Rounding(settings.channels, settings.bits, sizes=self.pyramid.levels)
+        of_offset = [self.samples.shape]
+        self.rounded_offset = Rounding(settings.channels, settings.bits, sizes=of_offset) if settings.offset else None
 
     def _levels(self, finest: Tensor, generator: torch.Generator) -> Tensor:
         """The first latents (rows, C) of all levels: the finest ones (H · W, C), and box averages of them.

@@ -155,7 +155,7 @@ class FreeLatents(FreeDecoder):
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
         self.latents = nn.Parameter(first_latents(samples, settings.latents, "components", generator))  # (texels, D)
         self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
-        self.rounding = Rounding(settings.latents + rainer.STATISTICS, settings.bits)
+        self.rounding = Rounding(settings.latents + rainer.STATISTICS, settings.bits, sizes=[samples.shape])
 
     def texture(self) -> Tensor:
         """The texture (texels, D + 6) of latents and statistics, not rounded."""

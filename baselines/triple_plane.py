@@ -115,7 +115,7 @@ class TriplePlaneObjective(TextureObjective):
             xy = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)  # (S, S, 2)
             first[..., : min(2, channels)] = xy[..., :channels]  # of one channel only x
         self.direction_planes = nn.Parameter(first)  # over half vectors, and over difference vectors; not blurred
-        self.rounded_texture = Rounding(channels, settings.bits)
+        self.rounded_texture = Rounding(channels, settings.bits, sizes=[samples.shape])
         self.rounded_planes = Rounding(channels, settings.bits)
         # The four texels around the place at which each pair's vector reads its plane, and their weights, (N, 4).
         h, d = half_and_difference(samples.wo, samples.wi, settings.difference)

@@ -42,7 +42,8 @@ SAVE_SECONDS = 5.0  # least seconds between two states on disk; a killed fit los
 RESCUES = 3
 ROUNDED_FROM = 0.5  # share of the steps after which textures are rounded as in the file
 ROUNDING_SAMPLES = 4_096  # samples that measure the error of rounding a channel
-RATE = 0.5
+# What a fit pays for bytes: a texture of 1 % more bits may cost as much as so many % of the loss.
+RATE = 0.2
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
 # A curve of at least so many points that gains less than `STILL` dB from its first one, and is below `GOOD` dB, is of a
 # fit on a plateau.
@@ -125,9 +126,13 @@ class Objective(nn.Module):
         return self.display_loss(ours, target, direction, distance(ours, target, "both"), progress)
 
     def priced(self, loss: Tensor) -> Tensor:
-        """A loss with the price of the bits of the textures, once they are rounded: `RATE` % of the loss for each 1 %."""
-        spent = [each.spent for each in self.modules() if isinstance(each, Rounding) and each.spent is not None]
-        if not spent:
+        """A loss with the price of the bits of the textures, once these are rounded: log loss + `RATE` · log bits."""
+        spent: list[Tensor] = []
+        for module in self.modules():
+            if isinstance(module, Rounding) and module.spent is not None:
+                spent.append(module.spent)
+                module.spent = None  # of this step alone
+        if not spent or getattr(self.settings, "recipe", "") == "paper":  # nobody published such a price
             return loss
         return loss + RATE * loss.detach() * torch.stack(spent).sum().clamp_min(1).log()
 

@@ -21,7 +21,7 @@ from bench.training.texture_codes import MOST_BITS, compress, expand
 WeightPrecision = Literal["float32", "half", "int8"]
 
 LEAST_BITS = 2  # of a weight: −1, 0 and 1 steps
-BEARABLE = 0.005  # share of the fit's squared error that the rounding of all weights may add
+BEARABLE = 0.03  # share of the fit's squared error that the rounding of all weights may add
 MIDDLE = 2 ** (MOST_BITS - 1)  # the code of a weight of 0
 BITS = "stored_bits"  # the buffer of a network that holds the bits of each of its matrices; 0: not chosen
 

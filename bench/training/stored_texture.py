@@ -36,9 +36,11 @@ class Rounding(nn.Module):
     channel that matters little becomes a constant, its mean, which takes no bits.
     """
 
-    def __init__(self, channels: int, bits: int, least: int = 1):
-        """`bits` is the setting of that name: a mean over the texture's numbers, 0 to leave it to the fit."""
+    def __init__(self, channels: int, bits: int, least: int = 1, sizes: Sizes = None):
+        """`bits` is the setting of that name: a mean over the texture's numbers, 0 to leave it to the fit. `sizes` are
+        those of the pictures that a texture (N, C) holds; one (H, W, C) is a picture."""
         super().__init__()
+        self.sizes = sizes
         self.wanted = bits  # on average over the texture's numbers
         self.least = least  # of each channel
         self.low = nn.Buffer(torch.zeros(channels))  # the lowest value (C,) of each channel
@@ -59,9 +61,23 @@ class Rounding(nn.Module):
             return self.trial(values)
         if not self.chosen:
             return values
-        if torch.is_grad_enabled() and values.ndim == 3:
-            self.spent = estimated_bits(values, self.step, self.bits)
+        if torch.is_grad_enabled():
+            self.spent = self._estimated_bits(values)
         return rounded(values, self.low, self.step, self.bits)
+
+    def _estimated_bits(self, values: Tensor) -> Tensor | None:
+        """About the bits that a texture takes in a file, with a gradient; None if its pictures are not known."""
+        if values.ndim == 3:
+            return estimated_bits(values, self.step, self.bits)
+        if self.sizes is None:
+            return None
+        pictures = values.split([height * width for height, width in self.sizes])
+        bits = [
+            estimated_bits(picture.unflatten(0, size), self.step, self.bits)
+            for picture, size in zip(pictures, self.sizes, strict=True)
+            if min(size) > 1  # a single row or column of texels has no neighbours to predict from
+        ]
+        return torch.stack(bits).sum() if bits else None
 
     def codes(self, values: Tensor) -> Tensor:
         """The codes (…, C), as floats, of values (…, C)."""
@@ -217,13 +233,14 @@ def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least:
 def estimated_bits(values: Tensor, step: Tensor, bits: Tensor) -> Tensor:
     """About the bits that the codes of a texture (H, W, C) take in a file, with a gradient; codes have steps (C,).
 
-    A code is predicted by three neighbours, and what remains is taken to follow Laplace's distribution.
+    A code is predicted by three neighbours, and what remains is taken to follow Laplace's distribution, whose entropy
+    is log2(2e · its mean magnitude) where that is large. A channel of no bits takes none.
     """
-    steps = values[:, :, bits > 0] / step[bits > 0]
+    steps = values / step.clamp_min(1e-12)
     above, left, corner = steps[:-1, 1:], steps[1:, :-1], steps[:-1, :-1]
     rest = steps[1:, 1:] - (0.75 * (above + left) - 0.5 * corner)
-    spread = rest.abs().mean((0, 1))
-    return steps[..., 0].numel() * torch.log2(1 + 2 * math.e * spread).sum()
+    of_codes = torch.log2(1 + 2 * math.e * rest.abs().mean((0, 1)))  # (C,)
+    return math.prod(values.shape[:2]) * (of_codes * (bits > 0)).sum()
 
 
 def codes_of(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from bench.training.decoder import Architecture, Decoder
 from bench.inputs.errors import InputError
+from bench.training.decoder import Architecture, Decoder
 from bench.training.stored_network import (
     BEARABLE,
     BITS,
