@@ -235,3 +235,26 @@ def test_an_altered_table_is_refused() -> None:
             load_table("x", altered, axis=3)
     with pytest.raises(InputError, match="has not four axes"):
         load_table("x", {"x": torch.ones(4, 4, 6)}, axis=3)
+
+
+def test_a_smooth_texture_is_estimated_at_fewer_bits_as_its_file_takes_them() -> None:
+    """And pictures in rows are estimated as the same pictures with their sides are."""
+    generator = torch.Generator().manual_seed(0)
+    noise = torch.randn(24, 16, 3, generator=generator)
+    smooth = noise.cumsum(0).cumsum(1) / 20
+    estimated, taken = [], []
+    for values in (smooth, noise):
+        rounding = Rounding(3, 4)
+        rounding.set(values, torch.tensor([4, 4, 0]))
+        rounding(values.requires_grad_())
+        estimated.append(float(rounding.spent.detach()))
+        taken.append(8 * store_texture("latents", values.detach(), rounding)["latents"].numel())
+        rounding.spent.backward()
+        assert not values.grad[..., 2].any()  # a channel of no bits takes none
+        in_rows = Rounding(3, 4, sizes=[(24, 16)])
+        in_rows.set(values, torch.tensor([4, 4, 0]))
+        in_rows(values.detach().flatten(0, 1).requires_grad_())
+        assert float(in_rows.spent.detach()) == pytest.approx(estimated[-1])
+    assert estimated[0] < estimated[1]
+    assert taken[0] < taken[1]
+    assert estimated[1] == pytest.approx(taken[1], rel=0.25)
