@@ -142,7 +142,7 @@ class Preparation:
             words = f"{self.low_light} pairs of low light, theta_i_deg {LOW_LIGHT_DEG[0]:g} to {LOW_LIGHT_DEG[1]:g}"
             tables.append(Table("low_light", words, self.drawn_low_light(material, seed)))
         count = min(self.between, self.heldout)
-        if count:  # of no pair of its own
+        if count:  # a table of pairs that the BTF has already
             wo, wi = self.drawn(material, seed, draw)
             evenly = np.linspace(0, self.heldout - 1, count).round().astype(int)
             words = f"{count} of the {self.described(draw)}; half a texel down and to the right"
