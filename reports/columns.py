@@ -268,6 +268,13 @@ def _from_to(interval: tuple[float, float]) -> str:
 _WORST = Column("worst tenth", "dB ↑", _worst, partial(fixed, digits=2))
 _POOLED = _mean("PSNR pooled", "dB ↑", PSNR, statistic="pooled")
 RELATIVE_ERROR = Column("RMSE", "% mean ↓", _relative_error, partial(fixed, digits=1))
+_BETWEEN = Column(
+    "between texels",
+    "dB ↑",
+    lambda row: row.job["between"]["mean"] if "between" in row.job else None,
+    partial(fixed, digits=2),
+    sparse=True,
+)
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
 _FUSED = Column("fused", "× floor", _fused, significant, sparse=True)
@@ -418,7 +425,8 @@ def radiance_bands(job: Job) -> list[Column]:
 
 
 def footprints(job: Job) -> list[Column]:
-    """Columns of PSNR at each footprint: the side in texels of the square over which an answer is averaged.
+    """Columns of PSNR at each footprint: the side in texels of the square over which an answer is averaged; then that
+    of answers between texels, if there are some.
 
     `job` is any comparable one of the material; its record names footprints as text, "1", "2".
     """
@@ -430,7 +438,7 @@ def footprints(job: Job) -> list[Column]:
     for side in job["footprints"]:
         name = "1 texel" if side == "1" else f"{side} texels"
         made.append(Column(name, "dB ↑", partial(value, side), partial(fixed, digits=2)))
-    return made
+    return [*made, _BETWEEN]
 
 
 class _Band(NamedTuple):

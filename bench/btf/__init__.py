@@ -307,6 +307,8 @@ class BTF:
     `heldout`, where declared, is an (N,) mask of pairs that no codec may train on; `validation`, of those that choose;
     `low_light`, of pairs lit lower than any that is trained on, which belong to none of these.
     `periodic` says that the picture wraps around without a seam, as every rendered material does.
+    `between`, of some rendered materials, is a BTF of a few held-out pairs half a texel down and to the right of the
+    texel centres. No fit and no other BTF made from this one has it, and the fingerprint leaves it out.
     """
 
     name: str
@@ -318,6 +320,7 @@ class BTF:
     validation: Array | None = None
     low_light: Array | None = None
     periodic: bool = False
+    between: "BTF | None" = None
     provenance: dict[str, Any] = field(default_factory=dict)
     pairs: Array = None  # type: ignore[assignment]  # those of the source; by default all
 
@@ -385,7 +388,7 @@ class BTF:
             values = getattr(self, name)
             kept[name] = None if values is None else values[chosen]
         # The source keeps its numbering, so `pairs` stays valid.
-        return replace(self, source=self.source.only(self.pairs[chosen]), **kept)
+        return replace(self, source=self.source.only(self.pairs[chosen]), between=None, **kept)
 
     def without_low_light(self) -> "BTF":
         """The BTF without its pairs of low light, as if they had never been drawn."""
@@ -426,7 +429,7 @@ class BTF:
 
     def over(self, source: Source, **provenance: Any) -> "BTF":
         """The same pairs read from another source of equal count; `provenance` is added to say what was done."""
-        return replace(self, source=source, provenance=self.provenance | provenance)
+        return replace(self, source=source, between=None, provenance=self.provenance | provenance)
 
     @cached_property
     def layout(self) -> Layout:

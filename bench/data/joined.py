@@ -1,12 +1,14 @@
 """Joins tables of one surface into one BTF: pairs to train on, held-out ones, those that choose settings, of low light.
 
-A *table* is the pairs of one of these four kinds (`bench.data.spec.Table`). Each is rendered into a file of its own,
-so that another draw of test pairs renders only their table again. A *part* of a joined source holds the values of a
-table.
+A *table* is the pairs of one of these four kinds (`bench.data.spec.Table`), or some held-out pairs *between* texels.
+Each is rendered into a file of its own, so that another draw of test pairs renders only their table again. A *part* of
+a joined source holds the values of a table.
 """
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +81,7 @@ def followed(btf: BTF, further: BTF, kind: str, words: str) -> BTF:
     `kind` is what these pairs are for, the name of a mask of the BTF: `heldout`, `validation`, by which settings are
     chosen, or `low_light`. No pair of the BTF may be of this kind yet.
     """
-    masks = {kind: np.arange(len(btf) + len(further)) >= len(btf)}
+    masks: dict[str, Any] = {kind: np.arange(len(btf) + len(further)) >= len(btf)}
     for name in MASKS:  # none of the further pairs is of another kind
         before = getattr(btf, name)
         if name != kind and before is not None:
@@ -93,9 +95,14 @@ def followed(btf: BTF, further: BTF, kind: str, words: str) -> BTF:
 def joined(tables: list[Table], open_table: Callable[[Table], BTF]) -> BTF:
     """The tables of a surface in one BTF, in their order; the first holds the training pairs.
 
-    `open_table` makes the BTF of one table, in which no pair is marked as held out.
+    The table between texels, if there is one, is the last; it becomes a BTF apart, `BTF.between`. `open_table` makes
+    the BTF of one table, in which no pair is marked as held out.
     """
     btf = open_table(tables[0])
     for table in tables[1:]:
-        btf = followed(btf, open_table(table), table.kind, table.words)
+        further = open_table(table)
+        if table.kind == "between":
+            btf = replace(btf, between=further)
+        else:
+            btf = followed(btf, further, table.kind, table.words)
     return btf

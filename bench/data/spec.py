@@ -4,7 +4,8 @@ The pairs of a rendered material are a product to train on (every view with ever
 validation or test. `validation` pairs are one fixed draw; a codec's defaults, its recipe and when its fit stops are
 chosen on them. `test` pairs are only for tables of results; they use another random stream, with another draw for each
 repetition (a seed of the suite) and each material. Pairs of *low light* are one further draw, whose lights are lower
-than any of the training pairs; they decide nothing.
+than any of the training pairs; they decide nothing. Pairs *between* texels are some of the held-out ones again, at
+half a texel down and to the right of the texel centres, where quality is scored otherwise.
 
 A *provenance* is the part of a BTF that says, in words and numbers, how its values were made.
 """
@@ -36,7 +37,7 @@ Directions = Annotated[int, Range(1, 10_000)]
 class Table(NamedTuple):
     """Pairs of one kind."""
 
-    kind: Literal["train", "heldout", "validation", "low_light"]
+    kind: Literal["train", "heldout", "validation", "low_light", "between"]
     words: str  # what a provenance says of them; "" for the product to train on
     pairs: tuple[Array, Array]  # `wo` and `wi` (N, 3)
 
@@ -56,6 +57,7 @@ class Preparation:
     split: Split = "test"  # held-out pairs: "test", another draw for each seed, or "validation", to choose settings
     validation: bool = False  # score validation pairs besides test pairs; fits to measured data then exclude them
     low_light: Annotated[int, Range(0, 100_000)] = 0  # further pairs, θ_i of 75° to 89°: scored, but deciding nothing
+    between: Annotated[int, Range(0, 100_000)] = 0  # so many held-out pairs are scored between texels, too
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
     # The most training pairs, and pairs of held-out views and lights, that are scored, always the same ones; 0: all.
@@ -71,13 +73,13 @@ class Preparation:
         Scripts make a `Preparation` directly, past the checks of `changed`, so some fields are checked again here.
         """
         bytes_of_a_texel = 3 * 4  # red, green and blue as float32
-        further = self.heldout + self.low_light
+        further = self.heldout + self.low_light + self.between
         needed = bytes_of_a_texel * self.size**2 * (self.views * self.lights + further)
         if needed > MOST:
             asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {further} pairs"
-            limit = f"the limit is {MOST >> 30}: lower size, views, lights, heldout or low_light"
+            limit = f"the limit is {MOST >> 30}: lower size, views, lights, heldout, low_light or between"
             raise InputError(f"{asked} are {needed / 2**30:,.0f} GiB, but {limit}")
-        for name in ("heldout", "low_light"):
+        for name in ("heldout", "low_light", "between"):
             if getattr(self, name) < 0:
                 raise InputError(f"{name} must be at least 0, not {getattr(self, name)}")
         if self.split not in get_args(Split):
@@ -136,9 +138,15 @@ class Preparation:
             # `validation` is refused with that split; here it has done its work.
             of_validation = dataclasses.replace(self, split="validation", validation=False)
             tables.append(Table("validation", of_validation.described(), of_validation.drawn(material, seed)))
-        if self.low_light:  # the last table: without it the BTF is the same as if it had never been
+        if self.low_light:  # the last pairs: without them the BTF is the same as if they had never been
             words = f"{self.low_light} pairs of low light, theta_i_deg {LOW_LIGHT_DEG[0]:g} to {LOW_LIGHT_DEG[1]:g}"
             tables.append(Table("low_light", words, self.drawn_low_light(material, seed)))
+        count = min(self.between, self.heldout)
+        if count:  # a table of pairs that the BTF has already
+            wo, wi = self.drawn(material, seed, draw)
+            evenly = np.linspace(0, self.heldout - 1, count).round().astype(int)
+            words = f"{count} of the {self.described(draw)}; half a texel down and to the right"
+            tables.append(Table("between", words, (wo[evenly], wi[evenly])))
         return tables
 
     def everything(self, material: str, seed: int) -> tuple[Array, Array]:

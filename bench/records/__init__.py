@@ -47,6 +47,7 @@ from bench.records.schema import (
     NAMES,
     REFERENCE,
     RESULTS,
+    Between,
     Bytes,
     Ceiling,
     Facts,

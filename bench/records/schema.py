@@ -114,6 +114,7 @@ class ScoreKey(TypedDict, total=False):
     code: Text
     scored: Count  # pairs, where not all are
     low_light: Count  # pairs of the group of that name, which the fingerprint leaves out
+    between: Count  # pairs that are scored between texels, which the fingerprint leaves out, too
     btf: Annotated[Text, PUBLISHED | CLAIM]
     exposure: Annotated[Number, PUBLISHED | CLAIM]
     metrics: Annotated[dict[str, Count], RESULTS | CLAIM]
@@ -176,6 +177,14 @@ class Scene(TypedDict):
     metrics: Statistics
 
 
+class Between(TypedDict):
+    """The display PSNR between texels, half a texel down and to the right of their centres: means over slices, dB."""
+
+    mean: Number
+    centres: Number  # of the same pairs at texel centres
+    slices: Count
+
+
 class Job(TypedDict, total=False):
     """One cell of a suite: what was encoded, its bytes and errors, or why it failed."""
 
@@ -202,6 +211,7 @@ class Job(TypedDict, total=False):
     metrics: Annotated[dict[str, MetricFacts], PUBLISHED | CLAIM | APART]
     scores: Annotated[dict[str, Group], CLAIM]
     footprints: Annotated[dict[str, Statistics], RESULTS | CLAIM]
+    between: Annotated[Between, RESULTS | CLAIM]  # absent where no pair was rendered between texels
     black: Annotated[Number, RESULTS]  # display PSNR of an all-black answer, where the material is badly exposed
     scene: Annotated[Scene, RESULTS]
     program: Annotated[ProgramTime, RESULTS]

@@ -318,7 +318,7 @@ def differences(claimed: Job, here: Job) -> Iterator[str]:
     measured = json.loads(json.dumps(here))  # with lists for tuples, as the claims were read from JSON, too
     # `CLAIM` marks the fields of a record that are compared when it is verified.
     for name, value in kept(claimed, CLAIM).items():
-        yield from _differences_of_values(name, value, measured[name])
+        yield from _differences_of_values(name, value, measured.get(name))
 
 
 def _differences_of_values(place: str, claimed: Any, measured: Any) -> Iterator[str]:
@@ -336,7 +336,7 @@ def _differences_of_values(place: str, claimed: Any, measured: Any) -> Iterator[
     close = claimed == measured
     # Counts, texts and missing values (None) must be equal; only floats may differ by rounding.
     if float in (type(claimed), type(measured)) and None not in (claimed, measured):
-        if "/psnr" in place or place.startswith("footprints/"):  # numbers in dB
+        if "/psnr" in place or place.startswith(("footprints/", "between/")):  # numbers in dB
             limit = DECIBELS
         else:
             limit = RELATIVE * abs(measured)

@@ -4,7 +4,7 @@ A pair is a view direction with a light direction; the slice of a pair is the ra
 file is scored at the pairs `workbench.scored`, and apart from these at pairs of *low light*, lower than any that is
 fitted. *Deciding* pairs are those whose mean error ranks codecs: held-out pairs, which no fit has seen, or all pairs if
 none are held out. A *footprint* is the square of texels, 1, 2, 4 or 8 wide, that one query covers when a surface is
-seen from afar.
+seen from afar. *Between* texels, a few held-out pairs are scored half a texel off the texel centres.
 """
 
 import dataclasses
@@ -15,17 +15,20 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+import torch
 
+from bench.btf import BTF
 from bench.codec import Progress
 from bench.codecs import loading, registry, shared
 from bench.codecs.command import ProgramMaterial
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
 from bench.codecs.scene_material import without_warnings
+from bench.codecs.slices_material import SlicesMaterial
 from bench.directions.hemisphere import to_degrees
 from bench.inputs.errors import ContainerError, InputError
 from bench.machine.threads import torch_threads
-from bench.material import Material, parameters, resident_bytes
+from bench.material import Material, box_centres, parameters, resident_bytes
 from bench.metrics import get as get_metric
 from bench.metrics import metric_of, scoring
 from bench.metrics.description import Metric
@@ -37,6 +40,7 @@ from bench.records import (
     LOW_LIGHT,
     PSNR,
     SCENE_HELDOUT,
+    Between,
     Bytes,
     Job,
     MetricFacts,
@@ -73,6 +77,8 @@ def conditions(workbench: Workbench) -> ScoreKey:
         key["demand"] = workbench.demand.fingerprint
     if LOW_LIGHT in workbench.groups:
         key["low_light"] = len(workbench.groups[LOW_LIGHT])
+    if workbench.btf.between is not None:
+        key["between"] = len(workbench.btf.between)
     if len(workbench.scored) < len(workbench.groups["all"]):  # not all pairs are scored
         key["scored"] = len(workbench.scored)
     # The pairs whose mean ranks codecs. If only some of them are scored, the mean depends on which.
@@ -111,6 +117,7 @@ def record_of_scores(
         scores = workbench.scorer.score(workbench.scored, decoder.slice_with_progress)
         lowest = _at_low_light(workbench, decoder)
         coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.slice, workbench.exposure, COARSE)
+        between = _between_texels(workbench, decoder)
         pictures = _pictures(workbench, decoder)
         in_scene = _in_scene(workbench, material)
     summary = _summary_of_groups(workbench, scores) | lowest
@@ -145,6 +152,8 @@ def record_of_scores(
         record["program"] = {"queries": material.queries, "ns_per_query": nanoseconds}
     if workbench.exposed.fault:
         record["black"] = workbench.exposed.black
+    if between is not None:
+        record["between"] = between
     if in_scene is not None:
         record["scene"] = in_scene.quality
         record["frames"] = keep(f"frames/{name}.npz", in_scene.pictures)
@@ -176,6 +185,21 @@ def _at_low_light(workbench: Workbench, decoder: "Slices") -> dict[str, Any]:
     scores = workbench.scorer.score(pairs, decoder.slice)
     summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, {LOW_LIGHT: pairs})
     return {LOW_LIGHT: summary[LOW_LIGHT]}
+
+
+def _between_texels(workbench: Workbench, decoder: "Slices") -> Between | None:
+    """The mean display PSNR between texels, and that of the same pairs at texel centres.
+
+    None without a rendering of the truth there, and for stored slices, which answer nowhere but at texel centres.
+    """
+    truth = workbench.btf.between
+    if truth is None or isinstance(decoder.material, SlicesMaterial):
+        return None
+    between = scoring.footprint_errors(truth, range(len(truth)), decoder.between, workbench.exposure, [1])
+    centres = scoring.footprint_errors(workbench.btf, workbench.at_centres, decoder.slice, workbench.exposure, [1])
+    # A slice without an error counts, too, so the means are numbers.
+    means = [cast(float, scoring.summarise_footprints(errors)["1"]["mean"]) for errors in (between, centres)]
+    return {"mean": means[0], "centres": means[1], "slices": len(truth)}
 
 
 def metric_facts(metric: Metric) -> MetricFacts:
@@ -222,6 +246,16 @@ class Slices:
         """Linear radiance (H // factor, W // factor, 3) of one pair: means over whole boxes of factor² texels."""
         btf = self.workbench.btf
         return self.material.boxes(btf.wo[pair].tolist(), btf.wi[pair].tolist(), factor, btf.shape).numpy()
+
+    def between(self, number: int, factor: int = 1) -> np.ndarray:
+        """Linear radiance (H // factor, W // factor, 3) of pair `number` of `BTF.between`: one answer for each box of
+        factor² texels, half a texel down and to the right of its centre."""
+        truth = cast(BTF, self.workbench.btf.between)
+        height, width = truth.shape
+        uv = box_centres(truth.shape, factor) + torch.tensor([0.5 / width, -0.5 / height])
+        wo, wi = (torch.tensor(side[number]).expand(len(uv), 3) for side in (truth.wo, truth.wi))
+        answers = self.material.query(uv, wo, wi, factor / max(height, width))
+        return answers.reshape(height // factor, width // factor, 3).numpy()
 
     def slice_with_progress(self, pair: int) -> np.ndarray:
         """The slice of one pair; also moves the progress bar."""

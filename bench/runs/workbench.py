@@ -128,6 +128,15 @@ class Workbench:
         return exposed((self.btf[int(pair)] for pair in self.deciding), self.exposure)
 
     @cached_property
+    def at_centres(self) -> np.ndarray:
+        """The held-out pairs (n,) that `BTF.between` has between texels, in its order; none without it."""
+        if self.btf.between is None:
+            return np.empty(0, int)
+        heldout = self.groups["heldout"]
+        ours, theirs = (np.concatenate([btf.wo, btf.wi], 1) for btf in (self.btf.subset(heldout), self.btf.between))
+        return heldout[(ours @ theirs.T).argmax(0)]  # of unit vectors, the sum of both cosines is largest where equal
+
+    @cached_property
     def groups(self) -> dict[str, np.ndarray]:
         """The indices of the pairs of each group, by the name under which reports show it. Empty groups are left out.
 

@@ -180,6 +180,13 @@ def test_pairs_of_low_light_are_the_last_band_where_a_record_has_them(made):
     assert list(cells(table).items())[-1] == ("θ_i>75° dB ↑ (30)", "12.50")
 
 
+def test_quality_between_texels_is_the_last_column_by_footprint_where_a_record_has_it(made):
+    (plain,) = tables(made.job(), "footprints")
+    assert not any("between" in header for header in cells(plain))
+    (table,) = tables(made.job(between={"mean": 21.5, "centres": 30.0, "slices": 20}), "footprints")
+    assert list(cells(table).items())[-1] == ("between texels dB ↑", "21.50")
+
+
 def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
     says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0}
     says["metrics"] = {"psnr_display": 28.125, "psnr_log1p": 27.0, "ssim": None, "flip_ldr_67ppd": 0.0625}

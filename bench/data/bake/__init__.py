@@ -27,7 +27,7 @@ from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
 from bench.data.joined import joined
 from bench.data.materials.maps import Maps
-from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
+from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, half_a_texel_further, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import colour_note, picture_format
@@ -177,8 +177,8 @@ def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -
     arrays = [wo, wi]
     for field in fields(surface.maps):
         picture = getattr(surface.maps, field.name)
-        if picture is not None:  # the normals may be missing
-            arrays.append(picture)
+        if picture is not None:  # normals and aspect may be missing
+            arrays.append(np.asarray(picture))
     for array in arrays:
         digest.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
@@ -218,6 +218,9 @@ def open_svbrdf(
             with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
                 if not path.exists():  # else another process has baked it meanwhile
                     surface = surface_once()
+                    if pair_table.kind == "between":
+                        moved = half_a_texel_further(surface.maps, surface.shape, SUB_POINTS)
+                        surface = replace(surface, maps=moved)
                     # `joined` marks the held-out pairs.
                     _bake(surface, pair_table.pairs, None, pair_notes, path, show, seed=0, path_tracer=path_tracer)
         return replace(open_btf(path), name=name)  # a reader names it by the file in the cache

@@ -32,6 +32,7 @@ OF_RENDERED = {
     "data.directions": "leave it out",
     "data.heldout": "whole views and lights are held out",
     "data.low_light": "leave it out",
+    "data.between": "leave it out",
     "data.renderer": "leave it out",
 }
 OF_MEASURED = {

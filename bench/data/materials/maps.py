@@ -34,6 +34,7 @@ class Maps:
     - `angle`: direction in which the highlight is stretched, across the scratches or fibres; radians from +x,
       counter-clockwise, the same modulo π.
     - `normal`: unit vectors (OpenGL: y up) for shading instead of the slopes of `height`; None uses the slopes.
+    - `aspect`: the picture's physical height over its width, no map; None is that of square map texels.
 
     Raises `InputError` if shapes differ, a value is not finite or one of the weights lies outside [0, 1].
     """
@@ -46,10 +47,11 @@ class Maps:
     anisotropy: Map = 0.0
     angle: Map = 0.0
     normal: Map | None = None
+    aspect: float | None = None
 
     def __post_init__(self) -> None:
         """Bring every map to a checked float32 array of the common shape."""
-        maps = {field.name: getattr(self, field.name) for field in fields(self)}
+        maps = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "aspect"}
         shape = _common_shape(maps)
         for name, value in maps.items():
             if value is not None:
@@ -66,7 +68,7 @@ class Maps:
             return self
         # `angle` and `normal` are averaged as vectors below, an angle by twice its value, because it has a period of π.
         averaged = [name for name in (*_SCALARS, "base_colour") if name != "angle"]
-        maps = {name: resize(getattr(self, name), shape) for name in averaged}
+        maps: dict[str, Any] = {name: resize(getattr(self, name), shape) for name in averaged}
         double_angle = np.stack([np.cos(2 * self.angle), np.sin(2 * self.angle)], -1)
         double_angle = resize(double_angle, shape)
         angle = 0.5 * np.arctan2(double_angle[..., 1], double_angle[..., 0])
@@ -76,6 +78,11 @@ class Maps:
             # Opposite normals may cancel: 1e-12 avoids a division by 0.
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
         return replace(self, **maps, angle=angle, normal=normal)
+
+    def rolled(self, rows: int, cols: int) -> "Maps":
+        """The periodic maps moved by so many of their own texels, rows down and columns to the right."""
+        names = [*_SCALARS, "base_colour", *(["normal"] if self.normal is not None else [])]
+        return replace(self, **{name: np.roll(getattr(self, name), (rows, cols), (0, 1)) for name in names})
 
 
 class Recipe(Protocol):

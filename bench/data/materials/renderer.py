@@ -15,7 +15,7 @@ relative to the reference plane z = 0. Grid row i has its centre at y = (H − i
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -186,11 +186,9 @@ class Renderer:
             raise InputError(f"size and sub_points must be at least 1, not {size}, {sub_points}")
         self.size = size
         self.sub_points = sub_points
-        ray_rows, ray_cols = size[0] * sub_points, size[1] * sub_points
-        # Grid cells from one ray to the next: as many as make the grid at least as fine as the maps.
-        self.stride = (math.ceil(maps.shape[0] / ray_rows), math.ceil(maps.shape[1] / ray_cols))
-        self.aspect = maps.shape[0] / maps.shape[1]
-        maps = maps.resized((ray_rows * self.stride[0], ray_cols * self.stride[1]))
+        self.stride = _stride(maps, size, sub_points)
+        self.aspect = _aspect(maps)
+        maps = _on_grid(maps, size, sub_points)
         self.field = HeightField(maps.height, self.aspect)
         # All values of a surface point in one table, (H' · W', 12), so that one read fetches a whole point: normal (3),
         # base colour (3), roughness, metalness, specular, anisotropy, and cosine and sine of twice the angle.
@@ -260,6 +258,34 @@ class Renderer:
         colour += brdf.specular_colour(points, cos_between) * specular
         mean = colour.sum(1)
         return np.moveaxis(mean, 0, -1).reshape(*self.size, 3)
+
+
+def _stride(maps: Maps, size: tuple[int, int], sub_points: int) -> tuple[int, int]:
+    """Grid cells (down, across) from one ray to the next: as many as make the grid at least as fine as the maps."""
+    return math.ceil(maps.shape[0] / (size[0] * sub_points)), math.ceil(maps.shape[1] / (size[1] * sub_points))
+
+
+def _aspect(maps: Maps) -> float:
+    """The physical height over the width of the maps' picture."""
+    return maps.shape[0] / maps.shape[1] if maps.aspect is None else maps.aspect
+
+
+def _on_grid(maps: Maps, size: tuple[int, int], sub_points: int) -> Maps:
+    """The maps resized to the renderer's grid."""
+    rows, cols = _stride(maps, size, sub_points)
+    return maps.resized((size[0] * sub_points * rows, size[1] * sub_points * cols))
+
+
+def half_a_texel_further(maps: Maps, size: tuple[int, int], sub_points: int) -> Maps:
+    """Maps whose rendering of `size` (H, W) shows in each texel what lies around its lower right corner.
+
+    They are those of the renderer's grid, moved by half a texel of the picture. This is exact: half a texel is a whole
+    number of cells, as `sub_points` is even.
+    """
+    rows, cols = _stride(maps, size, sub_points)
+    # The proportion stays that of the maps as they came: the grid's may be rounded.
+    moved = _on_grid(maps, size, sub_points).rolled(-rows * sub_points // 2, -cols * sub_points // 2)
+    return replace(moved, aspect=_aspect(maps))
 
 
 def _block_centres(count: int, stride: int) -> Array:

@@ -3,8 +3,8 @@
 The description is written last and both files are renamed into place, so readers never accept an interrupted rendering.
 Values are float16 (half the bytes, 5e-4 relative), or float32 if a highlight would overflow.
 
-There is a rendering for each `Table`, the pairs of one kind (to train on, for test, for validation, of low light), so
-that another draw of test pairs renders only that table again.
+There is a rendering for each `Table`, the pairs of one kind (to train on, for test, for validation, of low light,
+between texels), so that another draw of test pairs renders only its tables again.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ import numpy as np
 from bench.btf import BTF, RENDERED, Array, ArraySource
 from bench.data.joined import joined
 from bench.data.materials.maps import Maps, Recipe
-from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
+from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, half_a_texel_further, render
 from bench.data.spec import Preparation, Table
 from bench.files import atomic
 from bench.files.atomic import cache_dir
@@ -113,6 +113,8 @@ def _write(path: Path, maps: Maps, table: Table, described: dict[str, Any], show
     size = described["size"]
     wo, wi = table.pairs
     label = f"rendering {described['material']}"
+    if table.kind == "between":
+        maps = half_a_texel_further(maps, (size, size), SUB_POINTS)
     with atomic.replacing(path) as partial:
         # Highlights that overflow become infinite.
         for dtype in (np.float16, np.float32):

@@ -548,3 +548,18 @@ def test_the_maps_of_a_folder_are_listed_once_and_as_words(tmp_path, capsys, cap
     assert caplog.text.count("albedo.png") == 1
     assert "{" not in described
     assert "albedo = albedo.png" in described
+
+
+def test_pairs_between_texels_are_baked_from_the_maps_moved_by_half_a_texel(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    height, normal = (picture[:48] for picture in hills())  # whose grid at 10 texels is not of their proportion
+    folder = save(tmp_path / "maps", wall_albedo=flat((0.5, 0.3, 0.2), 64)[:48], wall_disp=height, wall_nor_gl=normal)
+    data = replace(SMALL, size=10)
+    plain, btf = open_svbrdf(folder, data, silent), open_svbrdf(folder, replace(data, between=2), silent)
+    assert btf.fingerprint == plain.fingerprint
+    fine = render(
+        read_surface(recognise(folder), 10).maps, btf.wo[[16, 18]], btf.wi[[16, 18]], (16, 20), SUB_POINTS // 2
+    )
+    fine = np.roll(fine, (-1, -1), (1, 2))
+    expected = np.stack([box_filter(picture, 2) for picture in fine])
+    np.testing.assert_allclose(btf.between[:], expected, rtol=1e-3, atol=1e-5)

@@ -135,3 +135,25 @@ def test_low_light_needs_a_place_beside_declared_pairs():
         BTF("a", btf.wo, btf.wi, btf.source, low_light=np.arange(16) == 3)
     with pytest.raises(InputError, match="low_light must be at least 0"):
         Preparation(low_light=-1)
+
+
+def test_pairs_between_texels_change_no_pair_and_no_fingerprint_and_no_fit_has_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    small = {"size": 8, "views": 4, "lights": 4, "heldout": 5, "validation": True, "low_light": 2}
+    plain, btf = (open_material(MaterialSpec("satin"), Preparation(**small, between=count), silent) for count in (0, 3))
+    assert plain.between is None
+    between, chosen = btf.between, btf.split().heldout["heldout"][[0, 2, 4]]
+    np.testing.assert_array_equal((between.wo, between.wi), (btf.wo[chosen], btf.wi[chosen]))
+    for number, pair in enumerate(chosen.tolist()):
+        assert not np.array_equal(between[number], btf[pair])
+        assert between[number].mean() == pytest.approx(btf[pair].mean(), rel=1e-3)  # the same surface, moved
+    assert between.provenance["heldout"].startswith("3 of the 5 test pairs, draw 0")
+    np.testing.assert_array_equal(btf[:], plain[:])
+    assert btf.fingerprint == plain.fingerprint
+    assert btf.provenance == plain.provenance
+    others = (btf.subset([0, 1]), btf.crop(0, 0, 4, 4), btf.downsample(2), btf.without_test(), btf.without_low_light())
+    assert [other.between for other in others] == [None] * 5
+    few = Preparation(**small | {"heldout": 2, "validation": False}, between=3)
+    assert len(open_material(MaterialSpec("satin"), few, silent).between) == 2
+    with pytest.raises(InputError, match="between must be at least 0"):
+        Preparation(between=-1)

@@ -10,15 +10,19 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
+from bench.codecs.slices_material import SlicesMaterial
 from bench.conformance.check import tiny_btf, tiny_radiance
 from bench.data.joined import followed
+from bench.data.materials import load, recipe
+from bench.data.materials.renderer import render
 from bench.directions.hemisphere import from_degrees
 from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
 from bench.metrics.display import to_display
 from bench.metrics.scoring import footprint_errors
+from bench.records import MOST_DB
 from bench.runs.drawing import sparse_truth
-from bench.runs.evaluation import Slices, evaluate, score_key, store_drawing
+from bench.runs.evaluation import Slices, conditions, evaluate, record_of_scores, score_key, store_drawing
 from bench.runs.workbench import MOST_STORED, SHEET_ANGLES, Workbench
 
 WAVES = torch.tensor([3.0, 2.0])  # of the picture, across and down
@@ -111,6 +115,57 @@ def test_pairs_of_low_light_are_a_group_of_their_own_and_change_nothing_else(tmp
     key, other = (score_key(bench, file.header) for bench in (lit, plain))
     assert key.pop("low_light") == 3
     assert key == other
+
+
+class Finer(Material):
+    """Leather at its drawn pairs, of a rendering twice as fine: the mean of the four fine texels around a place.
+
+    `shift` texels further down and to the right, and with `added` radiance between texel centres.
+    """
+
+    def __init__(self, btf, shift=0.0, added=0.0):
+        super().__init__(btf.shape, DecoderCost())
+        self.shift, self.added = shift, added
+        self.pairs = torch.from_numpy(np.concatenate([btf.wo, btf.wi], 1))
+        fine = render(recipe("leather").maps(0), btf.wo, btf.wi, (2 * btf.shape[0], 2 * btf.shape[1]), 1)
+        self.fine = torch.from_numpy(fine)
+
+    def evaluate(self, uv, wo, wi, footprint):
+        height, width = self.fine.shape[1:3]
+        pair = (torch.cat([wo, wi], 1) @ self.pairs.T).argmax(1)
+        row, col = (1 - uv[:, 1]) * height + 2 * self.shift, uv[:, 0] * width + 2 * self.shift
+        rgb = 0
+        for down in (-0.5, 0.5):
+            for right in (-0.5, 0.5):
+                rgb += self.fine[pair, (row + down).floor().long() % height, (col + right).floor().long() % width] / 4
+        return rgb + self.added * torch.cos(torch.pi * uv[:, :1] * width / 2) ** 2
+
+
+def test_between_texels_an_exact_material_is_exact_and_what_a_codec_adds_there_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
+    btf = load("leather", size=8, views=3, lights=3, heldout=7, between=3)
+    bench = Workbench(btf, "leather")
+    assert bench.at_centres.tolist() == [9, 12, 15]
+
+    def scored(material, bench=bench):
+        return record_of_scores(bench, material, "leather", 1, lambda name, _: name, lambda *_: None)
+
+    exact, opposite, added = (scored(Finer(btf, *how)) for how in ((), (-1.0,), (0.0, 0.5)))
+    # Stored halves are accurate to 5e-4.
+    assert exact["between"]["slices"] == 3
+    assert min(exact["between"]["mean"], exact["between"]["centres"]) > MOST_DB - 1e-6
+    assert opposite["between"]["mean"] < 35  # answers at half a texel the other way
+    assert added["between"]["mean"] < 20
+    assert added["between"]["centres"] == exact["between"]["centres"]
+    # Nothing else changes.
+    plain = Workbench(replace(btf, between=None), "leather")
+    without = scored(Finer(btf), plain)
+    del exact["between"]
+    assert exact == without
+    key, other = (conditions(workbench) for workbench in (bench, plain))
+    assert key.pop("between") == 3
+    assert key == other
+    assert "between" not in scored(SlicesMaterial(btf, btf))  # stored slices answer nowhere else
 
 
 def loaded(material):

@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bench.data.materials import renderer
 from bench.data.materials.maps import Maps
 from bench.data.materials.procedural import grid, smooth
-from bench.data.materials.renderer import render
+from bench.data.materials.renderer import half_a_texel_further, render
 from bench.directions.hemisphere import from_degrees, uniform
 from bench.inputs.errors import InputError
 
@@ -100,6 +102,18 @@ def test_a_texel_is_the_mean_of_its_sub_points(rich):
     fine = render(rich, wo, wi, (32, 32), 1)
     mean = fine.reshape(6, 16, 2, 16, 2, 3).mean((2, 4))
     np.testing.assert_allclose(render(rich, wo, wi, (16, 16), 2), mean, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(16, 16), (5, 4), (12, 16)])
+def test_half_a_texel_further_lie_the_texels_of_a_picture_twice_as_fine(rich, size):
+    bumpy = replace(rich, normal=np.moveaxis(renderer.HeightField(rich.height, 1).normals(), 0, -1))
+    wo, wi = random_pairs(4)
+    for maps in (rich, bumpy):
+        moved = render(half_a_texel_further(maps, size, 2), wo, wi, size, 2)
+        fine = render(maps, wo, wi, (2 * size[0], 2 * size[1]), 1)
+        fine = np.roll(fine, (-1, -1), (1, 2))  # the lower right texel of each four now comes first
+        expected = fine.reshape(4, size[0], 2, size[1], 2, 3).mean((2, 4))
+        np.testing.assert_allclose(moved, expected, rtol=1e-4, atol=1e-5)
 
 
 def test_pictures_need_not_be_square():
