@@ -156,7 +156,7 @@ def test_a_script_searches_the_smallest_file_for_a_scene_as_the_command_does(tmp
 
 
 def test_a_file_is_scored_at_the_test_pairs_of_another_seed_as_a_run_does(tmp_path, capsys):
-    size = {"size": 8, "views": 4, "lights": 4, "heldout": 6}
+    size = {"size": 8, "views": 4, "lights": 4, "heldout": 6, "low_light": 2, "between": 2}
     changes = [word for key, value in size.items() for word in ("--set", f"data.{key}={value}")]
     assert (
         cli.main(

@@ -19,7 +19,7 @@ class Maker:
         `settings` change what their names say, `versions` those of metrics (0: not measured).
         """
         get = changes.pop
-        psnr = min(psnr, MOST_DB)
+        psnr = None if psnr is None else min(psnr, MOST_DB)
         record = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": get("run", "1"), "material": material}
         record |= {"label": label, "codec": label.split()[0], "seed": seed, "status": "ok", "parameters": 3011}
         settings = get("settings", {"components": 8})

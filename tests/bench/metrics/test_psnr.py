@@ -6,6 +6,7 @@ from skimage.metrics import mean_squared_error, peak_signal_noise_ratio
 
 from bench.metrics.display import to_display, to_log1p
 from bench.metrics.psnr import DisplayPSNR, LinearRMSE, LogPSNR, psnr
+from bench.records import MOST_DB
 
 METRICS = [DisplayPSNR(), LogPSNR(), LinearRMSE()]
 
@@ -32,11 +33,11 @@ def test_rmse_is_that_of_scikit_image_at_any_exposure():
         assert ours == pytest.approx(math.sqrt(mean_squared_error(reference, test)), rel=1e-12)
 
 
-def test_a_slice_counts_as_at_most_100_db():
+def test_a_slice_counts_as_at_most_a_step_of_a_display():
     assert psnr(0.0, 1.0) == np.inf
-    assert DisplayPSNR().values(np.array([0.0, 1e-12, 0.01])) == pytest.approx([100, 100, 20])
+    assert DisplayPSNR().values(np.array([0.0, 1e-12, 0.01])) == pytest.approx([MOST_DB, MOST_DB, 20])
     assert DisplayPSNR().pool(np.array([0.0, 0.02])) == pytest.approx(20)
-    assert DisplayPSNR().pool(np.zeros(3)) == 100
+    assert DisplayPSNR().pool(np.zeros(3)) == MOST_DB
 
 
 def test_pooled_psnr_is_that_of_all_slices_as_one():

@@ -41,7 +41,8 @@ class Sorting(Material):
 def test_a_material_without_a_shader_is_baked_and_said_to_be() -> None:
     material = Sorting()
     file = SimpleNamespace(material=material, header=SimpleNamespace(path=Path("mine.nbtf")))
-    (program, exposure), note = _drawn(file, silent)
+    (program, exposure), note, of_slices = _drawn(file, silent)
+    assert of_slices
     assert "mine is baked to slices at 13 × 13 pairs" in note
     assert "no shader can do 'cumsum' yet" in note
     assert exposure > 0
