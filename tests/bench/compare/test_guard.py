@@ -102,7 +102,7 @@ def test_a_run_that_gives_the_reference_again_is_the_same():
         (dropped, Verdict.UNLIKE),
         (lambda job: job.update(footprints={}), Verdict.UNLIKE),
         (lambda job: job.update(parameters=job["parameters"] + 1), Verdict.WORSE),
-        (lambda job: job["bytes"].update(total=round(1.06 * job["bytes"]["total"])), Verdict.WORSE),
+        (lambda job: job["bytes"].update(total=round(1.1 * job["bytes"]["total"])), Verdict.WORSE),
     ],
 )
 def test_a_fault_of_any_one_row_is_caught(tmp_path, plant, verdict):
