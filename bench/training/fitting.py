@@ -30,7 +30,7 @@ from bench.metrics.psnr import psnr as decibels
 from bench.training.display_loss import DisplayLoss
 from bench.training.optimiser import Optimisers, ParameterGroup, rate
 from bench.training.samples import PROBE, Batch, Samples
-from bench.training.stored_network import BITS, choose_weight_bits, note_bits, rounded_weights
+from bench.training.stored_network import ON_HOST, choose_weight_bits, note_bits, read_bits, rounded_weights
 from bench.training.stored_texture import Rounding, choose_bits
 
 log = logging.getLogger(__name__)
@@ -145,7 +145,9 @@ class Objective(nn.Module):
         for module in self.modules():
             if isinstance(module, Rounding):
                 module.chosen = bool(module.bits.any())
-        self.weights_chosen = any(bool(getattr(network, BITS).any()) for network in self.networks_in_bits())
+        networks = self.networks_in_bits()
+        read_bits(networks)
+        self.weights_chosen = any(any(getattr(network, ON_HOST)) for network in networks)
 
     @torch.no_grad()
     def round_textures(self, fit: Fit, progress: float) -> None:

@@ -23,6 +23,7 @@ WeightPrecision = Literal["float32", "half", "int8"]
 LEAST_BITS = 2  # of a weight: −1, 0 and 1 steps
 BEARABLE = 0.03  # share of the fit's squared error that the rounding of all weights may add
 MIDDLE = 2 ** (MOST_BITS - 1)  # the code of a weight of 0
+ON_HOST = "stored_bits_on_host"  # the attribute of a network with the numbers of its buffer `BITS`
 BITS = "stored_bits"  # the buffer of a network that holds the bits of each of its matrices; 0: not chosen
 
 
@@ -111,8 +112,16 @@ def choose_weight_bits(networks: Iterable[nn.Module], answers: Callable[[], Tens
     bearable = BEARABLE * float((exact - target).square().mean())
     bits = shared_out(torch.stack(noise).cpu(), sizes, MOST_BITS * int(sizes.sum()), bearable, LEAST_BITS)
     for network in networks:
-        own, bits = bits[: len(_matrices_and_others(network)[0])], bits[len(_matrices_and_others(network)[0]) :]
-        getattr(network, BITS).copy_(own)
+        buffer = getattr(network, BITS)
+        buffer.copy_(bits[: len(buffer)])
+        bits = bits[len(buffer) :]
+    read_bits(networks)
+
+
+def read_bits(networks: Iterable[nn.Module]) -> None:
+    """Note the bits of matrices on the host, too, where steps read them: a GPU would be waited for at each."""
+    for network in networks:
+        setattr(network, ON_HOST, getattr(network, BITS).tolist())
 
 
 @contextmanager
@@ -143,8 +152,8 @@ def _matrices_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]
 
 def _bits_of(network: nn.Module, matrices: Sequence[Tensor]) -> list[int]:
     """The bits of each matrix of a network: those that were chosen, or as many as there can be."""
-    chosen = getattr(network, BITS, torch.zeros(len(matrices))).tolist()
-    return [int(bits) or MOST_BITS for bits in chosen]
+    chosen: list[int] = getattr(network, ON_HOST, [0] * len(matrices))
+    return [bits or MOST_BITS for bits in chosen]
 
 
 def _steps(matrix: Tensor, bits: int) -> Tensor:

@@ -64,7 +64,8 @@ def test_every_precision_keeps_the_promises_and_answers_nearly_as_the_finest(nam
         tested = CodecUnderTest(codec, folder, trained(codec, weights, folder) if codec.network else None)
         for promise in (batches, slices, wraps, counted):
             promise(tested)
-        answers.append((tested.header.file_bytes, tested.answers.log1p()))
+        tensors = tested.header.file_bytes - tested.header.part_bytes()["header"]  # its words deflate by chance
+        answers.append((tensors, tested.answers.log1p()))
         if len(answers) == 1:  # of the finest
             error = fit_error(tested)
     for (bits, weights), (size, answer) in zip(precisions, answers, strict=True):
