@@ -79,7 +79,8 @@ def fit_codec(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) ->
         parts = encode(btf, fit)
         seconds = processor_seconds() - start
     if isinstance(parts, Parts):  # what is none is refused when it is written
-        parts = replace(parts, lowest_light=round(float(btf.wi[:, 2].min()), 4))
+        lowest = max(0.0, float(btf.wi[:, 2].min()))  # data may have lights below the horizon
+        parts = replace(parts, lowest_light=round(lowest, 4))
     if fit.history:  # the fit's own clock, which continues when an interrupted fit is resumed
         seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
     return Fitted(parts, seconds)
