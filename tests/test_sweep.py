@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
+import sweep
 
 from bench.codecs.registry import make_codec
 from bench.inputs.errors import InputError
-from tools import sweep
 
 SMALL = ["--codecs", "bcf", "--surfaces", "satin", "--size", "8", "--steps", "3"]
 
