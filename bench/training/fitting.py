@@ -30,7 +30,7 @@ from bench.metrics.psnr import psnr as decibels
 from bench.training.display_loss import DisplayLoss
 from bench.training.optimiser import Optimisers, ParameterGroup, rate
 from bench.training.samples import PROBE, Batch, Samples
-from bench.training.stored_network import ON_HOST, choose_weight_bits, note_bits, read_bits, rounded_weights
+from bench.training.stored_network import STEPS, choose_steps, note_steps, rounded_weights
 from bench.training.stored_texture import Rounding, choose_bits
 
 log = logging.getLogger(__name__)
@@ -78,7 +78,7 @@ class Objective(nn.Module):
         super().__init__()
         self.samples = samples
         self.settings = settings  # the codec's
-        self.weights_chosen = False  # whether the bits of weights are chosen
+        self.steps_chosen = False  # whether the steps of weights are chosen
         self.display_loss: DisplayLoss | None = None
         if getattr(settings, "loss", "") == "display":  # some codecs have no such setting
             self.display_loss = DisplayLoss(len(samples.wo))
@@ -145,18 +145,16 @@ class Objective(nn.Module):
         for module in self.modules():
             if isinstance(module, Rounding):
                 module.chosen = bool(module.bits.any())
-        networks = self.networks_in_bits()
-        read_bits(networks)
-        self.weights_chosen = any(any(getattr(network, ON_HOST)) for network in networks)
+        self.steps_chosen = any(bool(getattr(network, STEPS).any()) for network in self.networks_in_bits())
 
     @torch.no_grad()
     def round_textures(self, fit: Fit, progress: float) -> None:
         """Choose the rounding of each texture with a `Rounding`, unless it is already chosen."""
         networks = self.networks_in_bits()
-        if networks and not self.weights_chosen:
+        if networks and not self.steps_chosen:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
-            choose_weight_bits(networks, lambda: self.predict(batch, progress), batch.target)
-            self.weights_chosen = True
+            choose_steps(networks, lambda: self.predict(batch, progress), batch.target)
+            self.steps_chosen = True
         roundings = [each for each in self.modules() if isinstance(each, Rounding) and each.undecided]
         if roundings:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
@@ -189,7 +187,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
     keep_buffers()
-    note_bits(objective.networks_in_bits())
+    note_steps(objective.networks_in_bits())
     loop = _Loop(objective.to(fit.device), fit, steps)
     loop.resume()
     while loop.step < steps and not (patience and loop.flat(patience)):
