@@ -133,8 +133,9 @@ def flattened(job: Job, timing: Timing | None) -> Iterator[tuple[str, Any]]:
     yield from _add_flattened("metric_version/", versions, [])
     yield from zip(("height", "width"), job.get("shape", ()), strict=False)
     # Fields apart name the job, and came first, or have a form of their own.
-    yield from _add_flattened("", {name: value for name, value in job.items() if name not in field_names(APART)}, [])
-    times = {name: value for name, value in (timing or {}).items() if name not in field_names(APART, Timing)}
+    apart, apart_of_timing = field_names(APART), field_names(APART, Timing)
+    yield from _add_flattened("", {name: value for name, value in job.items() if name not in apart}, [])
+    times = {name: value for name, value in (timing or {}).items() if name not in apart_of_timing}
     yield from _add_flattened("timing/", times, [])
 
 

@@ -108,7 +108,7 @@ def budgets(run: Run) -> Budgets:
     with_validation = [job for job in done if has_validation(job)]
     obstacle = obstacles(with_validation, run.published)  # by name of a job, why it is not comparable
     alike = [job for job in with_validation if job["job"] not in obstacle]
-    times = _times(run, alike)
+    times = times_of(run, alike)
     limits = [Budget(BYTES, most) for most in BITS]
     for kind in times:
         steps = SECONDS if kind == FIT else TIMES
@@ -130,7 +130,7 @@ def budgets(run: Run) -> Budgets:
     return replace(every_material, surfaces=surfaces)
 
 
-def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
+def times_of(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
     """The times of some jobs by kind, without kinds that none has; of a query the upper end of its interval.
 
     Where settings were timed apart from surfaces, on one machine, no other times of queries count.
@@ -145,7 +145,7 @@ def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
     of_settings: Times = {}
     for job in jobs:
         timing = run.setting_timing(job)
-        if timing:
+        if timing and "ratio_interval95" in timing:
             of_settings[job["job"]] = float(timing["ratio_interval95"][1])
 
     seconds_of_fits = {job["job"]: float(job["fit_seconds"]) for job in jobs if job.get("fit_seconds")}
