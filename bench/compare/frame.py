@@ -180,10 +180,8 @@ def _rows(run: Run, on_gpu: Mapping[str, Timing]) -> Iterator[_Row]:
             "processor": start.get("machine", {}).get("processor"),
             **{f"package/{package}": version for package, version in start.get("packages", {}).items()},
         }
-        row = dict(own)
-        row.update(flattened(job, run.timing(job)))
-        row.update(own)  # again, because a free field of a record may have such a name, too
-        yield row
+        # First, as the columns of a job's name; and last, because a free field of a record may have such a name, too.
+        yield {**own, **flattened(job, run.timing(job)), **own}
 
 
 def _reasons(run: Run) -> dict[str, str]:
