@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.codecs.alike import obstacles
-from bench.compare.statistics import DRAWS, chance_if_equal, interval_over_slices, student, told_by_holm
+from bench.compare.statistics import chance_if_equal, interval_over_slices, student, told_by_holm
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
@@ -146,12 +146,12 @@ def _cells(pairs: Iterable[tuple[Job, Job]], ours_of: Slices, theirs_of: Slices)
     return cells
 
 
-def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
+def interval(cells: Sequence[Cell]) -> Interval | None:
     """The mean over materials of the mean over seeds of the mean over slices, with its interval; None without cells.
 
     The interval is Student's over the means of the materials, with the chance of so large a mean between equal codecs;
     fewer than `FEWEST` materials say nothing about others, and give a chance of 1. Of one material it is that of a
-    bootstrap with so many `draws`; see the module.
+    bootstrap; see the module.
     """
     by_material = grouped(cells, lambda cell: cell.material)
     if not by_material:
@@ -164,7 +164,7 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     else:
         # One material says nothing of others, so the interval is of its pairs and fits alone.
         differences, pairs = [cell.differences for cell in cells], [cell.pairs for cell in cells]
-        low, high = interval_over_slices(differences, pairs, draws)
+        low, high = interval_over_slices(differences, pairs)
     seeds = max(map(len, of_seeds))
     slices = sum(len(cell.differences) for cell in cells)
     return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance_if_equal(means))

@@ -45,7 +45,10 @@ def average(values: Sequence[float | None]) -> float | None:
 
 
 def upper_hull(sizes: Sequence[float], scores: Sequence[float]) -> list[int]:
-    """The numbers of the points on the upper convex hull, up to the highest score; sizes ascend."""
+    """The numbers of the points (n,) on the upper convex hull, up to the highest score, by ascending size.
+
+    Of points on a line only its ends are on the hull; of those of one size, the best.
+    """
     hull: list[int] = []
     for new in sorted(range(len(sizes)), key=lambda point: (sizes[point], -scores[point])):
         if hull and scores[new] <= scores[hull[-1]]:
@@ -138,36 +141,34 @@ def interval_over_surfaces(drawn: np.ndarray) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def interval_over_slices(
-    differences: Sequence[np.ndarray], pairs: Sequence[str], draws: int = DRAWS
-) -> tuple[float, float]:
+def interval_over_slices(differences: Sequence[np.ndarray], pairs: Sequence[str]) -> tuple[float, float]:
     """The 95 % interval of the mean over seeds of the means of `differences`, (slices,) of each seed.
 
     Seeds, and slices of each, are drawn with replacement; seeds with the same `pairs` draw the same slices.
     """
     # The numbers of seeds that are scored at the same pairs, and so draw the same ones.
     alike = grouped(range(len(pairs)), lambda seed: (pairs[seed], len(differences[seed])))
-    shares, chosen_seeds = _draws_of_slices_and_seeds(tuple(count for _, count in alike), len(pairs), draws)
-    means = np.empty((len(pairs), draws))  # of each seed, over the slices of each draw
+    shares, chosen_seeds = _draws_of_slices_and_seeds(tuple(count for _, count in alike), len(pairs))
+    means = np.empty((len(pairs), DRAWS))  # of each seed, over the slices of each draw
     for shares_of_group, seeds in zip(shares, alike.values(), strict=True):
         means[seeds] = np.stack([differences[seed] for seed in seeds]) @ shares_of_group.T
     # In each draw, the mean over the seeds that it chooses.
-    means_of_draws = means[chosen_seeds, np.arange(draws)].mean(0)
+    means_of_draws = means[chosen_seeds, np.arange(DRAWS)].mean(0)
     low, high = np.percentile(means_of_draws, [2.5, 97.5])
     return float(low), float(high)
 
 
 @lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many slices and seeds
-def _draws_of_slices_and_seeds(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[np.ndarray], np.ndarray]:
-    """How often each slice of each group is drawn, as shares (draws, count) of `counts`, and the numbers of the drawn
-    seeds, (seeds, draws)."""
+def _draws_of_slices_and_seeds(counts: tuple[int, ...], seeds: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """How often each slice of each group is drawn, as shares (DRAWS, count) of `counts`, and the numbers of the drawn
+    seeds, (seeds, DRAWS)."""
     rng = np.random.default_rng(SEED)
     shares = []
     for count in counts:  # counting drawn numbers takes a seventh of the time of NumPy's `multinomial`
         # Draws are counted together: slice s of draw d has the number d · count + s.
-        drawn = rng.integers(0, count, (draws, count)) + count * np.arange(draws)[:, None]
-        shares.append(np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count) / count)
-    return shares, rng.integers(0, seeds, (seeds, draws))
+        drawn = rng.integers(0, count, (DRAWS, count)) + count * np.arange(DRAWS)[:, None]
+        shares.append(np.bincount(drawn.ravel(), minlength=DRAWS * count).reshape(DRAWS, count) / count)
+    return shares, rng.integers(0, seeds, (seeds, DRAWS))
 
 
 def student(values: np.ndarray) -> tuple[float, float]:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from bench.compare.paired import Cell, Interval, against, decibels, interval, packed, told_apart, unpacked
-from bench.compare.statistics import student
+from bench.compare.statistics import interval_over_slices, student
 from bench.inputs.errors import InputError
 from bench.records import MOST_DB
 
@@ -38,6 +38,13 @@ def test_over_materials_it_is_student_s_of_their_means():
     expected = means.mean(), means.mean() - reach, means.mean() + reach, chance
     assert (difference.mean, difference.low, difference.high, difference.chance) == pytest.approx(expected)
     assert interval(cells[:1]).chance == interval(cells[:2]).chance == 1  # which says nothing of others
+
+
+@pytest.mark.parametrize("pairs", ["aaa", "aba", "abc"])
+def test_of_one_material_it_is_a_bootstrap_of_seeds_and_their_pairs(pairs):
+    slices = np.random.default_rng(3).normal(0, 1, (3, 50))
+    difference = interval([Cell("m", seed, pairs[seed], slices[seed]) for seed in range(3)])
+    assert (difference.low, difference.high) == interval_over_slices(slices, pairs)
 
 
 def test_codecs_are_told_apart_from_one_by_holm_over_the_rows():
