@@ -7,9 +7,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bench.compare.frame import load_runs as load_runs
     from bench.conformance.verdicts import check as check
     from bench.data.open import from_arrays as from_arrays
-    from bench.runs.history import load_runs as load_runs
     from bench.runs.library import SceneGoal as SceneGoal
     from bench.runs.library import encode as encode
     from bench.runs.library import encode_for_scene as encode_for_scene
@@ -24,7 +24,7 @@ _OF_LIBRARY = ("open", "encode", "encode_for_scene", "load", "run", "score", "Sc
 _LAZY = dict.fromkeys(_OF_LIBRARY, "bench.runs.library") | {
     "check": "bench.conformance.verdicts",
     "from_arrays": "bench.data.open",
-    "load_runs": "bench.runs.history",
+    "load_runs": "bench.compare.frame",
 }
 
 

@@ -45,8 +45,8 @@ from bench.compare.choosing.curves import (
     summarised,
 )
 from bench.compare.choosing.within import fewest_bytes, mean_ranks, ranked
-from bench.compare.paired import AGAINST, FEWEST
-from bench.compare.quantities import average
+from bench.compare.paired import AGAINST
+from bench.compare.statistics import FEWEST, average
 from bench.records import FLIP, MOST_DB, PSNR, SSIM, Job, Machine, Run, by_kind, shown_label
 from reports.notes import beside
 from reports.numbers import NONE, fixed, integer, signed, significant

@@ -19,7 +19,6 @@ from bench.compare.choosing.curves import (
     Point,
     Points,
     Summary,
-    bd_rate,
     curve_of,
     differences,
     hulls,
@@ -27,7 +26,7 @@ from bench.compare.choosing.curves import (
     summarised,
 )
 from bench.compare.paired import AGAINST
-from bench.compare.quantities import average
+from bench.compare.statistics import average, bd_rate
 from bench.metrics import direction_of
 from bench.records import FLIP, MOST_DB, PSNR, SSIM, Run, by_kind
 from reports.numbers import NONE, fixed, signed

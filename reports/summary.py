@@ -203,7 +203,7 @@ def _paired(against: "Against", first_of_several: bool, column_for_each: bool) -
     `against` has at least one difference. `first_of_several`: the row was picked by default, as the first of several
     rows of its codec. `column_for_each`: each material has a column of its own.
     """
-    from bench.compare.paired import FEWEST
+    from bench.compare.statistics import FEWEST
 
     # The largest numbers of materials and of seeds behind a difference; one of fewer materials is in the same column.
     intervals = against.over.values()

@@ -186,7 +186,7 @@ def results_csv(run: Run) -> str:
     jobs = []
     for material in materials(run):
         for row in material.rows:
-            fields = dict(flattened(row.job, row.timing))
+            fields = flattened(row.job, row.timing)
             fields["not_comparable"] = row.obstacle or None
             if row.timing:
                 fields["timing/not_comparable"] = row.timing_obstacle or None

@@ -32,7 +32,7 @@ GUARDED = {  # by pattern of modules: paths under tests/
         "bench/test_records.py",
         "bench/test_record_fields.py",
         "bench/compare",
-        "bench/runs/test_history.py",
+        "bench/cli/commands/test_history.py",
     ],
     "bench/compare/*.py": ["bench/compare", "reports/test_tables.py"],
     "bench/runs/identity.py": ["bench/runs/test_identity.py"],

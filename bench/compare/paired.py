@@ -9,25 +9,21 @@ with one seed it lacks the scatter of fits.
 """
 
 import base64
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
 from bench.codecs.alike import obstacles
+from bench.compare.statistics import chance_if_equal, interval_over_slices, student, told_by_holm
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
 from bench.records import MOST_DB, PSNR, Job, Run, deciding_group, grouped, shown_label
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
-FEWEST = 3  # materials on which codecs may be told apart
-FALSE = 0.05  # the largest chance that a table of equal codecs tells any of them apart from that codec
-DRAWS = 2000
-SEED = 0
 
 Slices = Callable[[Job], np.ndarray | None]  # the PSNR (n,) of each slice of a job
 
@@ -119,31 +115,8 @@ def _against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
     """The differences to a codec named beforehand, with whether each is told apart: by Holm's correction."""
-    told = chosen_by_holm({label: each.chance for label, each in over.items()})
-    return {label: replace(each, apart=label in told) for label, each in over.items()}
-
-
-def chosen_by_holm(chances: Mapping[str, float]) -> set[str]:
-    """The labels that are told apart, by Holm's correction (1979). `chances` has, by label, the probability of so large
-    a difference between equal codecs."""
-    told: set[str] = set()
-    for label in sorted(chances, key=lambda label: chances[label]):
-        limit = FALSE / (len(chances) - len(told))  # after Holm: over the number of those not yet told apart
-        if not chances[label] <= limit:  # also if it is no number
-            break  # none with a larger chance is told apart either
-        told.add(label)
-    return told
-
-
-def chance_if_equal(differences: np.ndarray) -> float:
-    """The probability that equal codecs differ as much in the mean over materials; `differences` (materials,) in dB.
-
-    By Student's t; 1 for fewer than `FEWEST` materials, which say nothing about others.
-    """
-    if len(differences) < FEWEST:
-        return 1.0
-    _, chance = _student_interval(differences)
-    return chance
+    told = told_by_holm([each.chance for each in over.values()])
+    return {label: replace(each, apart=apart) for (label, each), apart in zip(over.items(), told, strict=True)}
 
 
 def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) -> Interval | None:
@@ -173,72 +146,28 @@ def _cells(pairs: Iterable[tuple[Job, Job]], ours_of: Slices, theirs_of: Slices)
     return cells
 
 
-def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
+def interval(cells: Sequence[Cell]) -> Interval | None:
     """The mean over materials of the mean over seeds of the mean over slices, with its interval; None without cells.
 
     The interval is Student's over the means of the materials, with the chance of so large a mean between equal codecs;
     fewer than `FEWEST` materials say nothing about others, and give a chance of 1. Of one material it is that of a
-    bootstrap with so many `draws`; see the module.
+    bootstrap; see the module.
     """
     by_material = grouped(cells, lambda cell: cell.material)
     if not by_material:
         return None
-    of_materials = []
-    for of_seeds in by_material.values():
-        of_materials.append(np.mean([cell.differences.mean() for cell in of_seeds]))
-    means = np.array(of_materials)  # (materials,) in dB
+    of_seeds = [[cell.differences.mean() for cell in cells_of_one] for cells_of_one in by_material.values()]
+    means = np.array([np.mean(each) for each in of_seeds])  # (materials,) in dB
     if len(means) > 1:
-        reach, _ = _student_interval(means)
+        reach, _ = student(means)
         low, high = means.mean() - reach, means.mean() + reach
     else:
         # One material says nothing of others, so the interval is of its pairs and fits alone.
-        low, high = np.percentile(_bootstrap_means(cells, draws), [2.5, 97.5])
-    seeds = max(len(of_seeds) for of_seeds in by_material.values())
+        differences, pairs = [cell.differences for cell in cells], [cell.pairs for cell in cells]
+        low, high = interval_over_slices(differences, pairs)
+    seeds = max(map(len, of_seeds))
     slices = sum(len(cell.differences) for cell in cells)
     return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance_if_equal(means))
-
-
-def _student_interval(means: np.ndarray) -> tuple[float, float]:
-    """Half the 95 % interval of the mean of means (n,), and the chance of so large a mean if the true one is 0."""
-    from scipy.special import stdtr, stdtrit  # slow to import, and needed only here
-
-    mean = abs(means.mean())
-    error = means.std(ddof=1) / math.sqrt(len(means))
-    freedom = len(means) - 1
-    half_interval = float(stdtrit(freedom, 0.975) * error)
-    if error > 0:
-        return half_interval, float(2 * stdtr(freedom, -mean / error))  # of both tails
-    # All means are equal. If they are 0, equal codecs give them for certain, and else never.
-    if mean == 0:
-        return half_interval, 1.0
-    return half_interval, 0.0
-
-
-def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:
-    """Means (draws,) over the drawn seeds and pairs of one material."""
-    # The numbers of cells whose seeds are scored at the same pairs, and so draw the same ones.
-    alike = grouped(range(len(cells)), lambda number: (cells[number].pairs, len(cells[number].differences)))
-    shares, chosen_seeds = _draws_of_slices_and_seeds(tuple(count for _, count in alike), len(cells), draws)
-    means = np.empty((len(cells), draws))  # of each seed, over the pairs of each draw
-    for shares_of_group, numbers in zip(shares, alike.values(), strict=True):
-        differences = np.stack([cells[number].differences for number in numbers])  # (seeds of the group, slices)
-        means[numbers] = differences @ shares_of_group.T
-    # In each draw, the mean over the seeds that it chooses.
-    means_of_draws: np.ndarray = means[chosen_seeds, np.arange(draws)].mean(0)
-    return means_of_draws
-
-
-@lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many slices and seeds
-def _draws_of_slices_and_seeds(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[np.ndarray], np.ndarray]:
-    """How often each slice of each group is drawn, as shares (draws, count) of `counts`, and the numbers of the drawn
-    seeds, (seeds, draws)."""
-    rng = np.random.default_rng(SEED)
-    shares = []
-    for count in counts:  # counting drawn numbers takes a seventh of the time of NumPy's `multinomial`
-        # Draws are counted together: slice s of draw d has the number d · count + s.
-        drawn = rng.integers(0, count, (draws, count)) + count * np.arange(draws)[:, None]
-        shares.append(np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count) / count)
-    return shares, rng.integers(0, seeds, (seeds, draws))
 
 
 def decibels(folder: Path, job: Job) -> np.ndarray | None:

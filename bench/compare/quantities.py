@@ -7,11 +7,12 @@ there is no error at all, so that a PSNR is infinite. A *deciding* number has a 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import cast
 
+from bench.compare.statistics import average
 from bench.metrics import PERIODIC, in_decibels, metric_of
 from bench.records import FLIP, MOST_DB, PSNR, Job, Statistics, deciding_group, metrics_of
 
@@ -194,20 +195,6 @@ def _mean_of_footprints(job: Job) -> float | None:
                 number = stats[PSNR]  # pooled
             numbers.append(_stored_or_infinite(stats, number))
     return average(numbers)
-
-
-def average(values: Sequence[float | None]) -> float | None:
-    """The mean of the finite values; infinite if all are exact, None if one was not measured or there are none.
-
-    Infinite ones are left out, because a mean with them would be infinite whatever the others are.
-    """
-    measured = [value for value in values if value is not None]
-    if not measured or len(measured) < len(values):
-        return None
-    finite = [value for value in measured if math.isfinite(value)]
-    if not finite:
-        return math.inf
-    return math.fsum(finite) / len(finite)
 
 
 def _psnr_at_footprint(side: str, job: Job) -> float | None:

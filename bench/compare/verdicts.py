@@ -24,7 +24,8 @@ from enum import StrEnum
 from statistics import fmean, stdev
 
 from bench.compare.paired import Interval
-from bench.compare.quantities import Quantity, Tolerance, average
+from bench.compare.quantities import Quantity, Tolerance
+from bench.compare.statistics import average
 from bench.records import Job, scored_unlike
 
 Values = Sequence[float | None]  # a number a seed; None where it was not measured

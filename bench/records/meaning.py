@@ -8,7 +8,7 @@ differ in the seed. Scores are of *groups* of pairs of view and light: `train`, 
 
 import json
 import math
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Any, TypeVar
 
 from bench.records.fields import field_names
@@ -115,39 +115,37 @@ def metrics_of(job: Job, group: str = "") -> dict[str, Statistics]:
     return scored["metrics"] if scored else {}
 
 
-def flattened(job: Job, timing: Timing | None) -> Iterator[tuple[str, Any]]:
+def flattened(job: Job, timing: Timing | None) -> dict[str, Any]:
     """Every number of a job and of its timing, by the path of its field: `bytes/total`, `timing/ns_per_sample`.
 
     Nothing is rounded. The fields that name the job (material, label, codec, seed, job, status) come first, settings as
     JSON. Short lists of numbers become fields `…/0`, `…/1`; longer lists are left out.
     """
-    for name in _NAMING_FIELDS:
-        yield name, job.get(name)
+    fields: dict[str, Any] = {name: job.get(name) for name in _NAMING_FIELDS}
     settings = job.get("settings", job.get("fit_key", {}).get("settings"))  # a reference stores them only in its key
-    yield "settings", None if settings is None else json.dumps(settings, sort_keys=True)
+    fields["settings"] = None if settings is None else json.dumps(settings, sort_keys=True)
     score = job.get("score_key", {})
     for name in ("btf", "exposure", "sha256"):
-        yield name, score.get(name)
+        fields[name] = score.get(name)
     versions = {name: metric["version"] for name, metric in job.get("metrics", {}).items()}
     versions |= score.get("metrics", {})  # where the scores were computed by other versions, those count
-    yield from _add_flattened("metric_version/", versions, [])
-    yield from zip(("height", "width"), job.get("shape", ()), strict=False)
+    _add_flattened("metric_version/", versions, fields)
+    fields.update(zip(("height", "width"), job.get("shape", ()), strict=False))
     # Fields apart name the job, and came first, or have a form of their own.
-    yield from _add_flattened("", {name: value for name, value in job.items() if name not in field_names(APART)}, [])
-    times = {name: value for name, value in (timing or {}).items() if name not in field_names(APART, Timing)}
-    yield from _add_flattened("timing/", times, [])
+    apart, apart_of_timing = field_names(APART), field_names(APART, Timing)
+    _add_flattened("", {name: value for name, value in job.items() if name not in apart}, fields)
+    times = {name: value for name, value in (timing or {}).items() if name not in apart_of_timing}
+    _add_flattened("timing/", times, fields)
+    return fields
 
 
-def _add_flattened(prefix: str, values: Mapping[str, Any], fields: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
-    """Add the fields of `values`, named with a prefix, to the list `fields`, and return it.
-
-    A list, because nested generators would pass each number through every level.
-    """
+def _add_flattened(prefix: str, values: Mapping[str, Any], fields: dict[str, Any]) -> None:
+    """Add the fields of `values`, named with a prefix, to `fields`."""
     for name, value in values.items():
         if isinstance(value, dict):
             _add_flattened(f"{prefix}{name}/", value, fields)
         elif not isinstance(value, list):
-            fields.append((prefix + name, value))
+            fields[prefix + name] = value
         elif len(value) <= _LONGEST and all(isinstance(item, int | float) for item in value):
-            fields += [(f"{prefix}{name}/{i}", item) for i, item in enumerate(value)]
-    return fields
+            for i, item in enumerate(value):
+                fields[f"{prefix}{name}/{i}"] = item

@@ -23,6 +23,7 @@ from bench.codecs import container, loading, shared
 from bench.codecs.encoding import fit_to_file, naming_faults, new_fit
 from bench.codecs.registry import make_codec
 from bench.codecs.slices_material import SlicesMaterial
+from bench.compare.frame import load_runs
 from bench.data.materials.variations import load_variation
 from bench.data.open import open_named
 from bench.data.readers import open_btf
@@ -39,7 +40,6 @@ from bench.material import Material
 from bench.records import ARTEFACT, Job, SceneModel, field_names
 from bench.runs import executors, runner
 from bench.runs.evaluation import conditions, evaluate, record_of_scores, score_key
-from bench.runs.history import load_runs
 from bench.runs.suite import load_suite, parse_suite, require_materials, with_changes
 from bench.runs.workbench import Workbench
 

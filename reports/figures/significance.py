@@ -13,7 +13,8 @@ from typing import Any
 from bench.compare.choosing.budgets import ENOUGH, budgets
 from bench.compare.choosing.curves import hulls
 from bench.compare.choosing.within import mean_ranks
-from bench.compare.paired import FEWEST, Interval
+from bench.compare.paired import Interval
+from bench.compare.statistics import FEWEST
 from bench.records import Run
 from reports.budgets import in_words
 from reports.figures.canvas import Figure, new, png, short, style

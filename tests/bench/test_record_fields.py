@@ -30,7 +30,7 @@ def test_a_family_is_its_own_name_or_a_variant_and_no_other_word():
 def test_a_record_is_flattened_to_numbers_by_path():
     record = {"label": "a", "kind": "job", "bytes": {"total": 3}, "frames": [1, 2], "history": [{"step": 1}]}
     record |= {"long": list(range(100)), "score_key": {"metrics": {"ssim": 2}}}
-    numbers = dict(records.flattened(record, {"interval95_ns": [1.0, 2.0], "samples_ns": [1.0], "run": "1"}))
+    numbers = records.flattened(record, {"interval95_ns": [1.0, 2.0], "samples_ns": [1.0], "run": "1"})
     assert {name: value for name, value in numbers.items() if value is not None} == {
         "label": "a",
         "metric_version/ssim": 2,

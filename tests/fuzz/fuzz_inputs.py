@@ -305,8 +305,8 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
     """Whatever a user may ask of a run's records."""
     from bench.compare.comparison import compare
     from bench.compare.forms import annotations, junit, tracker
+    from bench.compare.frame import load_runs
     from bench.records import load_run
-    from bench.runs.history import load_runs
     from reports import table_text, write_report
     from reports.comparison import markdown, terminal
 

@@ -22,11 +22,11 @@ import pandas as pd
 from tabulate import tabulate
 
 from bench.cli.commands import say_line
+from bench.compare.frame import load_runs
 from bench.files.atomic import replacing
 from bench.inputs.errors import FINE, NOTHING, InputError, installed, visible, writable
 from bench.metrics import in_decibels, is_relative, label_of
 from bench.records import grouped, load_run
-from bench.runs.history import load_runs
 from reports import write_history
 
 

@@ -161,7 +161,7 @@ def fused_times(run: Run) -> dict[str, TradeChoice]:
 def gpu_times(run: Run) -> dict[str, Timing]:
     """By label: the timing of each setting on a GPU in float32, in the usual batches, by its quickest execution."""
     # Only timings of a setting's variants, by `bench.runs.setting_variants`, have the field `of_tolerance`.
-    variants = [timing for timing in run.timings if is_gpu(timing["device"]) and "of_tolerance" in timing]
+    variants = [timing for timing in run.timings if "of_tolerance" in timing and is_gpu(timing["device"])]
     if not variants:
         return {}
     usual = usual_batch(variants)

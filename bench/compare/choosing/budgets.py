@@ -7,6 +7,7 @@ shown.
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from statistics import fmean
 from typing import NamedTuple, cast
 
@@ -14,8 +15,8 @@ import numpy as np
 
 from bench.codecs.alike import obstacles
 from bench.compare.choosing import Limits, Rung, best_rung, fused_times, has_validation, validation_of
-from bench.compare.paired import AGAINST, chance_if_equal, chosen_by_holm
-from bench.compare.quantities import average
+from bench.compare.paired import AGAINST
+from bench.compare.statistics import average, chance_if_equal, told_by_holm
 from bench.metrics import direction_of, stats_of
 from bench.records import PSNR, Job, Run, Timing, TradeChoice, fitted_to_scene, view
 
@@ -81,8 +82,7 @@ class Budgets:
             mean = average([mean_test_score(rung, family) for rung in rungs.values()])
             if mean is not None:  # None: the metric was not measured on each of the materials
                 means[line] = mean
-        sign = 1 if direction_of(family) == "lower" else -1  # ascending where lower is better, else descending
-        return dict(sorted(means.items(), key=lambda item: sign * item[1]))
+        return best_first(means, family)
 
     def told_apart(self, budget: Budget, materials: Collection[str]) -> set[str]:
         """The lines with a rung on each material whose differences over these tell them apart from `AGAINST`.
@@ -98,7 +98,8 @@ class Budgets:
         if AGAINST not in scores:  # nothing to compare with
             return set()
         anchor = scores.pop(AGAINST)
-        return chosen_by_holm({line: chance_if_equal(values - anchor) for line, values in scores.items()})
+        told = told_by_holm([chance_if_equal(values - anchor) for values in scores.values()])
+        return set(compress(scores, told))
 
 
 @view
@@ -108,7 +109,7 @@ def budgets(run: Run) -> Budgets:
     with_validation = [job for job in done if has_validation(job)]
     obstacle = obstacles(with_validation, run.published)  # by name of a job, why it is not comparable
     alike = [job for job in with_validation if job["job"] not in obstacle]
-    times = _times(run, alike)
+    times = times_of(run, alike)
     limits = [Budget(BYTES, most) for most in BITS]
     for kind in times:
         steps = SECONDS if kind == FIT else TIMES
@@ -130,7 +131,7 @@ def budgets(run: Run) -> Budgets:
     return replace(every_material, surfaces=surfaces)
 
 
-def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
+def times_of(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
     """The times of some jobs by kind, without kinds that none has; of a query the upper end of its interval.
 
     Where settings were timed apart from surfaces, on one machine, no other times of queries count.
@@ -145,7 +146,7 @@ def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
     of_settings: Times = {}
     for job in jobs:
         timing = run.setting_timing(job)
-        if timing:
+        if timing and "ratio_interval95" in timing:
             of_settings[job["job"]] = float(timing["ratio_interval95"][1])
 
     seconds_of_fits = {job["job"]: float(job["fit_seconds"]) for job in jobs if job.get("fit_seconds")}
@@ -194,3 +195,9 @@ def setting_of(job: Job) -> str:
 def mean_test_score(rung: Rung, family: str) -> float | None:
     """The mean of a metric's family over test slices, then over seeds; None if a job was not scored by it."""
     return average([stats_of(job, family).get("mean") for job in rung.of])
+
+
+def best_first(values: dict[str, float], family: str) -> dict[str, float]:
+    """Values of a metric's family, the best first."""
+    sign = 1 if direction_of(family) == "lower" else -1  # ascending where lower is better, else descending
+    return dict(sorted(values.items(), key=lambda item: sign * item[1]))

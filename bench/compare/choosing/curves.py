@@ -4,13 +4,10 @@ A line is a codec, or a codec as published; a rung is one setting of it, with th
 curve is of one line on one surface. Its points are the rungs on the upper convex hull that validation pairs leave over
 the logarithm of bytes; they are shown with their scores of test pairs, and joined linearly over log bytes. From the
 best rung a curve goes on level to the largest that was measured, since a file may be smaller than it may be; it is
-never extrapolated. Two curves are compared over the range that both have, by Bjøntegaard's differences (VCEG-M33,
-2001): BD-PSNR is the mean gap in dB over log bytes, BD-rate the mean gap in log bytes over dB.
+never extrapolated.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from statistics import fmean
 from typing import NamedTuple
 
@@ -18,12 +15,12 @@ import numpy as np
 
 from bench.compare.choosing import Rung
 from bench.compare.choosing.budgets import Budget, Budgets, mean_test_score, rung_of
+from bench.compare.statistics import Curve, at, average, bd_psnr, interval_over_surfaces, upper_hull
 from bench.metrics import stats_of
 from bench.records import PSNR, Job
 
 LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
 DRAWS = 200  # draws of the seeds of each rung, of those that have several
-RESAMPLES = 10_000  # of the surfaces
 FEWEST = 10  # surfaces below which nothing is told apart
 
 
@@ -32,21 +29,6 @@ class Point(NamedTuple):
 
     size: float
     jobs: Sequence[Job]
-
-
-@dataclass(frozen=True)
-class Curve:
-    """Values over sizes, which ascend: log2 of bits a texel, and a metric."""
-
-    sizes: Sequence[float]
-    values: Sequence[float]
-
-    def at(self, bits: float) -> float | None:
-        """The value at so many bits a texel; None where the curve does not reach."""
-        size = float(np.log2(bits))
-        if not self.sizes[0] <= size <= self.sizes[-1]:
-            return None
-        return float(np.interp(size, self.sizes, self.values))
 
 
 Points = Mapping[str, Mapping[str, Sequence[Point]]]  # by line and surface
@@ -89,41 +71,17 @@ def hulls(result: Budgets, surfaces: Iterable[str]) -> dict[str, dict[str, Seque
     return points_of
 
 
-class _Candidate(NamedTuple):
-    """A rung with its place: log2 of its bits a texel, and its score of validation pairs."""
-
-    size: float
-    score: float
-    rung: Rung
-
-
 def _hull(rungs: Sequence[Rung]) -> list[Point]:
     """The rungs on the upper convex hull of validation scores over log bytes; sizes ascend.
 
     The best rung stands once more at the size of the largest, if that is another.
     """
-    hull: list[_Candidate] = []
-    for rung in sorted(rungs, key=lambda rung: (rung.size, -rung.score)):
-        candidate = _Candidate(float(np.log2(rung.size)), rung.score, rung)
-        if hull and candidate.score <= hull[-1].score:
-            continue  # no better than a smaller one
-        while len(hull) > 1 and _is_below(hull[-1], hull[-2], candidate):
-            hull.pop()  # the new one hides those that it leaves below the hull
-        hull.append(candidate)
-    points = [Point(candidate.size, candidate.rung.of) for candidate in hull]
-    largest = float(np.log2(max(rung.size for rung in rungs)))
+    sizes = [float(np.log2(rung.size)) for rung in rungs]
+    points = [Point(sizes[number], rungs[number].of) for number in upper_hull(sizes, [rung.score for rung in rungs])]
+    largest = max(sizes)
     if largest > points[-1].size:
         points.append(Point(largest, points[-1].jobs))
     return points
-
-
-def _is_below(middle: _Candidate, first: _Candidate, last: _Candidate) -> bool:
-    """Whether a candidate lies on or below the line between its neighbours; sizes ascend from `first` to `last`."""
-    # Compares the slopes from `first` to the other two. Both are multiplied by both differences of size, so that
-    # nothing is divided.
-    slope_to_middle = (middle.score - first.score) * (last.size - first.size)
-    slope_to_last = (last.score - first.score) * (middle.size - first.size)
-    return slope_to_middle <= slope_to_last
 
 
 def curve_of(
@@ -136,7 +94,7 @@ def curve_of(
     """The curve of a metric's family over test pairs, means over seeds; of seeds drawn with replacement, if asked.
 
     With a `footprint` in texels, of PSNR averaged over boxes of that side. The `statistic` is the mean over slices, or
-    `pooled`, of the error of all slices together. None if a job lacks the metric.
+    `pooled`, of the error of all slices together. None if a job lacks the metric, and without points.
     """
     values = list[float]()
     for place, point in enumerate(points):
@@ -148,12 +106,11 @@ def curve_of(
             continue
         if draw is not None and len(jobs) > 1:
             jobs = [jobs[seed] for seed in draw.integers(0, len(jobs), len(jobs))]
-        means = [_mean_of(job, family, footprint, statistic) for job in jobs]
-        measured = [float(mean) for mean in means if mean is not None]
-        if len(measured) < len(jobs):
+        mean = average([_mean_of(job, family, footprint, statistic) for job in jobs])
+        if mean is None:
             return None
-        values.append(fmean(measured))
-    return Curve([point.size for point in points], values)
+        values.append(mean)
+    return Curve([point.size for point in points], values) if points else None
 
 
 def _mean_of(job: Job, family: str, footprint: str, statistic: str) -> float | None:
@@ -166,55 +123,6 @@ def _mean_of(job: Job, family: str, footprint: str, statistic: str) -> float | N
     return stats_of(job, family).get(statistic)
 
 
-class _Line(NamedTuple):
-    """A piecewise linear function: x, which does not descend, and y. It jumps where two points have the same x."""
-
-    x: Sequence[float]
-    y: Sequence[float]
-
-
-def bd_psnr(ours: Curve, theirs: Curve) -> float | None:
-    """The mean of our values minus theirs, over the log bytes that both curves have; None if they share none."""
-    return _mean_gap(_Line(ours.sizes, ours.values), _Line(theirs.sizes, theirs.values))
-
-
-def bd_rate(ours: Curve, theirs: Curve) -> float | None:
-    """By which share our bytes differ from theirs, a mean over the values that both curves have: −0.2 is 20 % fewer.
-
-    A point of test pairs below that of a smaller file counts as high as this one. Where they share no values, no number
-    of bytes makes the lower curve as good as the higher: the share is −1 if ours is the higher, and else infinite. None
-    if all that they share is one value, such as the most that a slice counts.
-    """
-    lines = []  # of log bytes over values
-    for curve in (ours, theirs):
-        highest = np.maximum.accumulate(curve.values).tolist()
-        reached = highest.index(highest[-1]) + 1  # so many points; more bytes add nothing from the last of them on
-        lines.append(_Line(highest[:reached], curve.sizes[:reached]))
-    our_line, their_line = lines
-    if our_line.x[0] > their_line.x[-1]:
-        return -1.0
-    if their_line.x[0] > our_line.x[-1]:
-        return math.inf
-    gap = _mean_gap(our_line, their_line)
-    if gap is None:
-        return None
-    return float(2**gap - 1)  # from log2 of the ratio of bytes
-
-
-def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
-    """The mean of one piecewise linear function minus another over the x that both have; None if they share none."""
-    low, high = max(ours.x[0], theirs.x[0]), min(ours.x[-1], theirs.x[-1])
-    if low >= high:
-        return None
-    inner = sorted(x for x in (*ours.x, *theirs.x) if low < x < high)
-    # Both are linear between these places, so the midpoint rule is exact. It asks no function where it may jump.
-    places = np.array([low, *inner, high])
-    middles = (places[1:] + places[:-1]) / 2
-    gap = np.interp(middles, ours.x, ours.y) - np.interp(middles, theirs.x, theirs.y)
-    areas = np.diff(places) * gap
-    return float(areas.sum() / (high - low))
-
-
 def mean_at(
     by_surface: Mapping[str, Sequence[Point]],
     surfaces: Iterable[str],
@@ -225,20 +133,9 @@ def mean_at(
 ) -> float | None:
     """The mean over surfaces of a line's curves at so many bits a texel; None if one of them does not reach that size,
     or there is no surface. See `curve_of` for the metric, the footprint and the statistic."""
-    values = []
-    for surface in surfaces:
-        if surface not in by_surface:
-            return None
-        curve = curve_of(by_surface[surface], family, footprint=footprint, statistic=statistic)
-        if curve is None:
-            return None
-        value = curve.at(bits)
-        if value is None:
-            return None
-        values.append(value)
-    if not values:
-        return None
-    return fmean(values)
+    size = float(np.log2(bits))
+    curves = [curve_of(by_surface.get(each, ()), family, footprint=footprint, statistic=statistic) for each in surfaces]
+    return average([curve and at(curve, size) for curve in curves])
 
 
 def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence[str]) -> dict[str, Reading]:
@@ -270,7 +167,7 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
         gaps = []
         for rung in rungs:
             ours = mean_test_score(rung, PSNR)
-            theirs = curve.at(rung.size)  # None where the curve does not reach
+            theirs = at(curve, float(np.log2(rung.size)))  # None where the curve does not reach
             if ours is not None and theirs is not None:
                 gaps.append(ours - theirs)
         if gaps:
@@ -308,26 +205,9 @@ def _difference(
 
 
 def summarised(by_surface: dict[str, list[float]]) -> Summary:
-    """The summary of what `differences` gives by surface; the interval is of surfaces and seeds drawn with
-    replacement.
-
-    Draws of a few surfaces scatter less than new surfaces would, so the percentiles lie further out than 2.5 and 97.5:
-    as far as Student's t does (Hesterberg, "What teachers should know about the bootstrap", The American Statistician
-    69(4), 2015, the expanded percentile interval).
-    """
-    from scipy.special import ndtr, stdtrit  # slow to import, and needed only here
-
+    """The summary of what `differences` gives by surface."""
     values = np.array(list(by_surface.values()))  # (surfaces, 1 + DRAWS)
-    measured, drawn = values[:, 0], values[:, 1:]
-    rng = np.random.default_rng(0)
-    # Each resample draws as many surfaces as there are, and of each of these one draw of its seeds.
-    surfaces = rng.integers(0, len(values), (RESAMPLES, len(values)))
-    seeds = rng.integers(0, drawn.shape[1], surfaces.shape)
-    means = drawn[surfaces, seeds].mean(1)
-    tail = 2.5  # per cent below and above the interval; of a single surface, whose seeds alone are drawn
-    count = len(values)
-    if count > 1:
-        tail = 100 * float(ndtr(-stdtrit(count - 1, 0.975) * math.sqrt(count / (count - 1))))
-    low, high = np.percentile(means, [tail, 100 - tail])
+    measured = values[:, 0]
+    low, high = interval_over_surfaces(values[:, 1:])
     won = int((measured > 0).sum())
-    return Summary(float(measured.mean()), float(np.median(measured)), won, len(values), float(low), float(high))
+    return Summary(float(measured.mean()), float(np.median(measured)), won, len(values), low, high)

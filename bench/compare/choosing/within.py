@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import NamedTuple
 
+import numpy as np
+
 from bench.compare.choosing import NEAR_DB
-from bench.compare.choosing.budgets import BYTES, ENOUGH, Budget, Budgets, mean_test_score
+from bench.compare.choosing.budgets import BYTES, ENOUGH, Budget, Budgets, best_first, mean_test_score
 from bench.compare.choosing.curves import Point, Points, curve_of
 from bench.compare.ranks import Ranks, ranks
-from bench.metrics import direction_of
+from bench.compare.statistics import at
 from bench.records import PSNR
 
 
@@ -58,13 +60,12 @@ def _read(points: Sequence[Point], bits: float, family: str) -> Reached | None:
 
     None if it begins after that, without points, and where the metric was not measured.
     """
-    curve = curve_of(points, family) if points else None
+    curve = curve_of(points, family)
     if curve is None:
         return None
-    end = float(2 ** curve.sizes[-1])
-    size = min(bits, end)
-    value = curve.at(size)
-    return None if value is None else Reached(value, size)
+    size = min(float(np.log2(bits)), curve.sizes[-1])
+    value = at(curve, size)
+    return None if value is None else Reached(value, min(bits, float(2**size)))
 
 
 def ranked(
@@ -74,8 +75,7 @@ def ranked(
     means: dict[str, float] = {}
     for line, by_surface in reached(result, points, budget, surfaces, family).items():
         means[line] = fmean(each.value for each in by_surface.values())
-    sign = 1 if direction_of(family) == "lower" else -1  # ascending where lower is better, else descending
-    return dict(sorted(means.items(), key=lambda item: sign * item[1]))
+    return best_first(means, family)
 
 
 def fewest_bytes(result: Budgets, points: Points) -> tuple[Budget, dict[str, float]] | None:

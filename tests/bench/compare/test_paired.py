@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from bench.compare.paired import Cell, Interval, against, decibels, interval, packed, told_apart, unpacked
+from bench.compare.statistics import interval_over_slices, student
 from bench.inputs.errors import InputError
 from bench.records import MOST_DB
 
@@ -13,15 +14,6 @@ def test_pairing_takes_away_what_both_share_and_keeps_what_they_do_not():
     assert gain.low < 0.2 < gain.high
     assert gain.low > 0
     assert gain.high - gain.low < 0.15  # 2 · 1.96 · 0.3 / √150 = 0.1, where the means alone are known to ± 1 dB
-
-
-def test_the_interval_holds_the_truth_in_95_of_100():
-    rng = np.random.default_rng(1)
-    held = 0
-    for _ in range(200):
-        difference = interval([Cell("m", 0, "a", rng.normal(0.5, 1, 60))], draws=400)
-        held += difference.low <= 0.5 <= difference.high
-    assert 180 <= held <= 198
 
 
 def test_seeds_that_differ_widen_the_interval_and_so_do_materials():
@@ -42,12 +34,17 @@ def test_over_materials_it_is_student_s_of_their_means():
     cells = [Cell(f"m{i}", 0, "a", np.array([gain, gain + 0.2])) for i, gain in enumerate((1.0, 2.0, 4.0))]
     difference = interval(cells)
     means = np.array([1.1, 2.1, 4.1])
-    reach = 4.302653 * means.std(ddof=1) / np.sqrt(3)  # Student's t of two degrees of freedom
-    expected = means.mean(), means.mean() - reach, means.mean() + reach
-    assert (difference.mean, difference.low, difference.high) == pytest.approx(expected)
-    ratio = means.mean() / (means.std(ddof=1) / np.sqrt(3))
-    assert difference.chance == pytest.approx(1 - ratio / np.sqrt(ratio**2 + 2))  # in closed form
+    reach, chance = student(means)
+    expected = means.mean(), means.mean() - reach, means.mean() + reach, chance
+    assert (difference.mean, difference.low, difference.high, difference.chance) == pytest.approx(expected)
     assert interval(cells[:1]).chance == interval(cells[:2]).chance == 1  # which says nothing of others
+
+
+@pytest.mark.parametrize("pairs", ["aaa", "aba", "abc"])
+def test_of_one_material_it_is_a_bootstrap_of_seeds_and_their_pairs(pairs):
+    slices = np.random.default_rng(3).normal(0, 1, (3, 50))
+    difference = interval([Cell("m", seed, pairs[seed], slices[seed]) for seed in range(3)])
+    assert (difference.low, difference.high) == interval_over_slices(slices, pairs)
 
 
 def test_codecs_are_told_apart_from_one_by_holm_over_the_rows():
@@ -65,15 +62,6 @@ def test_an_interval_depends_on_no_other():
     first = interval(long)
     assert interval(short) != first
     assert interval(long) == first == interval(long)
-
-
-def test_seeds_at_the_same_pairs_draw_the_same_ones():
-    rng = np.random.default_rng(3)
-    shared = rng.normal(0, 1, 50)
-    same = interval([Cell("m", seed, "a", shared) for seed in range(8)])
-    other = interval([Cell("m", seed, f"{seed}", rng.permutation(shared)) for seed in range(8)])
-    # Pairs alone would give √8; seeds are drawn as well, which doubles the variance of eight that differ.
-    assert (same.high - same.low) / (other.high - other.low) == pytest.approx(2, rel=0.15)
 
 
 def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_path):

@@ -1,0 +1,208 @@
+"""What was measured, as one pandas frame: a row a job, from which tables are made by choosing and grouping rows.
+
+A job is one codec with its settings on one material, fitted with one seed; failed ones have a row, too. Values are
+numbers, not rounded, with NaN where nothing was measured, and texts. Columns that name or judge the job come first:
+
+- `material`, and `surface`, its kind: measured, path-traced, rendered, or what its data call it; "" if not known
+- `codec`, `recipe`, and `line`: the codec, or "neumip, as published" by the recipe of its paper
+- `label`, `setting` (what the label says besides the line, or "default"), `seed`, `job`, `status`
+- `why`: why it must stand in no table: its error on one line, or why it is not comparable with newer jobs; or ""
+- `stale`: how its versions differ from the installed ones, so that it cannot be made again; or ""
+- `fitted_to_scene`: whether its file answers for one scene alone, so that it is ranked nowhere
+- `bits`: of the whole file, a texel
+- `eager`, `fused`, `gpu`: the most that a sample takes, × floor, by the rules of tables of budgets (upper ends of 95 %
+  intervals); `fit_seconds` of a processor
+- `codec_version`, `training`, `device`, `threads`: of its fit; `started`, `suite`, `git`, `processor`, `package/…`: of
+  its run
+
+Then follows the record, with columns named after its fields, as in a run's `tables/results.csv`: `settings` (JSON),
+`bytes/total`, `scores/heldout/metrics/psnr_display/mean`, `footprints/2/mean`, `timing/ns_per_sample`. Jobs of
+different runs are comparable only if `codec_version`, `training`, `btf` and `metric_version/…` agree.
+
+`frame.attrs` has `units` and `directions` ("higher" or "lower" is better), both by column, where they are known.
+"""
+
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import nan
+from os import PathLike
+from typing import Any
+
+import pandas as pd
+
+from bench.codecs.alike import obstacles, stale
+from bench.compare.choosing import gpu_times
+from bench.compare.choosing.budgets import EAGER, FUSED, line_of, setting_of, times_of
+from bench.records import (
+    PSNR,
+    FitKey,
+    Job,
+    MetricFacts,
+    Run,
+    RunStart,
+    Timing,
+    fitted_to_scene,
+    flattened,
+    kind_of,
+    load_run,
+)
+
+_START_TIME = "%Y%m%dT%H%M%S.%f"
+_NEEDED = ("run", "score_key")  # fields of a finished job without which nothing says whether it is comparable
+_COSTS = {  # columns that are no metrics: unit; lower is better
+    "bits": "bits a texel",
+    "bytes/total": "bytes",
+    "eager": "× floor",
+    "fused": "× floor",
+    "gpu": "× floor",
+    "fit_seconds": "s",
+    "timing/ns_per_sample": "ns",
+    "timing/ratio_to_floor": "× floor",
+}
+_VALUES = ("mean", "pooled", "worst")  # statistics of a metric that have its unit, and its better end
+
+_Row = dict[str, Any]  # by column
+
+
+def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.DataFrame:
+    """The jobs of one or several runs, given their folders or files of records (`.jsonl`), which `folder` names.
+
+    The columns `why` and `stale` are of each run by itself; times on a GPU count for the settings of all of them.
+    `InputError` if a path holds no run; warns of lines that cannot be read.
+    """
+    if isinstance(paths, str | PathLike):
+        paths = [paths]
+    runs = {str(path): load_run(str(path)) for path in paths}
+    on_gpu: dict[str, Timing] = {}
+    for path, run in runs.items():
+        if run.unreadable:
+            lines = ", ".join(map(str, run.unreadable))
+            warnings.warn(f"{path}: {len(run.unreadable)} line(s) could not be read: {lines}", stacklevel=2)
+        on_gpu |= gpu_times(run)
+    rows = [{"folder": path} | row for path, run in runs.items() for row in _rows(run, on_gpu)]
+    return _framed(rows, [job for run in runs.values() for job in run.jobs])
+
+
+def frame_of(run: Run) -> pd.DataFrame:
+    """The jobs of a run, or of several that were loaded as one, in its order."""
+    return _framed(list(_rows(run, gpu_times(run))), run.jobs)
+
+
+def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> pd.DataFrame:
+    """The rows as a frame, with the units and directions that the records of `jobs` know; no columns without rows."""
+    columns: dict[str, list[Any]] = {}
+    for number, row in enumerate(rows):
+        for name, value in row.items():
+            if name not in columns:
+                columns[name] = [nan] * len(rows)
+            if value is not None:
+                columns[name][number] = value
+    frame = pd.DataFrame(columns)
+    if rows:
+        frame["started"] = pd.to_datetime(frame["started"], format=_START_TIME, utc=True, errors="coerce")
+    facts: dict[str, MetricFacts] = {}
+    for job in jobs:
+        facts |= job.get("metrics", {})
+    units, directions = _units_and_directions(columns, facts)
+    frame.attrs = {"units": units, "directions": directions}
+    return frame
+
+
+def _units_and_directions(
+    columns: Iterable[str], facts: Mapping[str, MetricFacts]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """The units and the directions of columns, where they are known; `facts` has those of metrics by name."""
+    units = {}
+    directions = {}
+    for column in columns:
+        if column in _COSTS:
+            units[column], directions[column] = _COSTS[column], "lower"
+            continue
+        match column.split("/"):
+            case ["scores", *_, "metrics", metric, statistic]:
+                pass
+            case ["footprints", _, "mean" as statistic] | ["between", "mean" | "centres" as statistic]:
+                metric = PSNR  # of means over squares, and between texels
+            case _:
+                continue
+        if metric not in facts:
+            continue
+        if statistic in (*_VALUES, "centres", "std"):
+            units[column] = facts[metric]["unit"]
+        if statistic in (*_VALUES, "centres"):
+            directions[column] = facts[metric]["direction"]
+    return units, directions
+
+
+def _rows(run: Run, on_gpu: Mapping[str, Timing]) -> Iterator[_Row]:
+    """Each job of a run by column; `on_gpu` has the timing of settings on a GPU, by label."""
+    starts = {start.get("run"): start for start in reversed(run.starts)}  # files of published records may have none
+    surfaces = {job["material"]: kind_of(job) for job in run.jobs if job["status"] == "ok"}
+    reasons = _reasons(run)
+    versions = stale(run.jobs)
+    comparable = [job for job in run.jobs if job["job"] not in reasons]
+    times = times_of(run, comparable)
+    times_on_gpu = {}
+    for job in comparable:
+        timing = on_gpu.get(job["label"], Timing())
+        if "ratio_interval95" in timing:
+            times_on_gpu[job["job"]] = timing["ratio_interval95"][1]
+    for job in run.jobs:
+        name = job["job"]
+        fit = job.get("fit_key", FitKey())
+        start = starts.get(job.get("run"), RunStart())
+        own: _Row = {
+            "material": job["material"],
+            "surface": surfaces.get(job["material"], ""),
+            "codec": job.get("codec"),
+            "recipe": str(job.get("settings", {}).get("recipe", "")),
+            "line": line_of(job),
+            "label": job["label"],
+            "setting": setting_of(job),
+            "seed": job["seed"],
+            "job": name,
+            "status": job["status"],
+            "why": reasons.get(name, ""),
+            "stale": versions.get(name, ""),
+            "fitted_to_scene": fitted_to_scene(job),
+            "bits": _bits(job),
+            "eager": times.get(EAGER, {}).get(name),
+            "fused": times.get(FUSED, {}).get(name),
+            "gpu": times_on_gpu.get(name),
+            "fit_seconds": job.get("fit_seconds"),
+            "codec_version": fit.get("version"),
+            "training": fit.get("training"),
+            "device": fit.get("device"),
+            "threads": fit.get("threads"),
+            "started": job.get("run"),
+            "suite": start.get("suite"),
+            "git": start.get("git"),
+            "processor": start.get("machine", {}).get("processor"),
+            **{f"package/{package}": version for package, version in start.get("packages", {}).items()},
+        }
+        # First, as the columns of a job's name; and last, because a free field of a record may have such a name, too.
+        yield {**own, **flattened(job, run.timing(job)), **own}
+
+
+def _reasons(run: Run) -> dict[str, str]:
+    """By name of job: why it must stand in no table; those that may are left out."""
+    reasons = {}
+    complete = []
+    for job in run.jobs:
+        lacking = [field for field in _NEEDED if field not in job]
+        if job["status"] != "ok":
+            # A hand-written error may be blank, but a reason is not.
+            reasons[job["job"]] = " ".join(job.get("error", "").split()) or job["status"]
+        elif lacking:
+            reasons[job["job"]] = f"its record has no {' and no '.join(lacking)}"
+        else:
+            complete.append(job)
+    return reasons | obstacles(complete, run.published)
+
+
+def _bits(job: Job) -> float | None:
+    """The bits of a job's whole file a texel; None if it has no file or no texels."""
+    height, width = job.get("shape", (0, 0))
+    if "total" not in job.get("bytes", {}) or not height * width:
+        return None
+    return 8 * job["bytes"]["total"] / (height * width)
