@@ -182,6 +182,8 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"neubtf-bench {bench.__version__}")
     if wanted and not wanted[0].startswith("-") and wanted[0] not in known:
+        if wanted[0] in commands.RENAMED:
+            raise InputError(f"`{wanted[0]}` is now `{commands.RENAMED[wanted[0]]}`")
         raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
     listing = top.add_subparsers(required=True, metavar="COMMAND", help="one of these")
     for name, module in known.items():

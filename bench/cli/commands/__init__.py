@@ -29,9 +29,11 @@ GROUPS = {  # the groups of the list of commands; commands of other packages fol
     "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export", "new"),
     "data": ("info", "bake", "convert", "cache"),
     "look": ("view", "render", "table", "figure", "report", "history"),
-    "judge": ("check", "stress", "compare", "reference"),
+    "judge": ("check", "stress", "compare"),
     "share": ("submit", "verify", "results"),
 }
+
+RENAMED = {"reference": "compare RUN --update"}  # commands of earlier versions, and what does their work now
 
 
 def modules() -> dict[str, str]:

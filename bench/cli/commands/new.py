@@ -49,7 +49,7 @@ _NEXT = {
     "reader": "pip install ./{name}-reader\npytest {name}-reader\nneubtf-bench run quick --material PATH",
     "ci": "git submodule add URL-OF-THE-SUITE neubtf-bench\n"
     "neubtf-bench run tracking.toml --fresh --out runs/tracking\n"
-    "neubtf-bench reference update runs/tracking --out reference.jsonl",
+    "neubtf-bench compare runs/tracking --update --out reference.jsonl",
 }
 
 

@@ -53,7 +53,6 @@ ORDER = [
     "choose",
     "check",
     "stress",
-    "reference",
     "compare",
     "submit",
     "verify",
@@ -172,7 +171,7 @@ def before(words: list[str]) -> None:
     elif line.startswith("history") and not Path("runs/before").exists():
         for name in ("before", "after"):
             shutil.copytree("runs/quick", f"runs/{name}")
-    elif line.startswith("reference update runs/ci"):
+    elif line == "compare runs/ci --update":
         small = ["--material", "satin", "--codec", "pca", "--codec", "mean-colour", "--set", "data.size=8"]
         assert cli.main(["run", "ci", *small]) == 0
     elif line.startswith("submit runs/mine"):
@@ -196,7 +195,7 @@ def scratch(tmp_path, monkeypatch, brief_trade):
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "site"), str(ROOT)]))
     monkeypatch.setattr("webbrowser.open", lambda place: True)
-    monkeypatch.setattr("bench.cli.commands.reference.committed", lambda suite: Path(f"{REFERENCES}/{suite}.jsonl"))
+    monkeypatch.setattr("bench.cli.commands.compare.committed", lambda suite: Path(f"{REFERENCES}/{suite}.jsonl"))
     made()
 
 

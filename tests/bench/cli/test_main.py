@@ -117,6 +117,7 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     ("words", "message"),
     [
         (["encod"], "no command named 'encod'; did you mean 'encode'?"),
+        (["reference", "update", "runs/ci"], "`reference` is now `compare RUN --update`"),
         (["list", "suites", "quick"], "only codecs have settings"),
         (["check", "pca", "--set", "components=0"], "must be a whole number ≥ 1, not '0'"),
         (["run", "quik"], "did you mean 'quick'?"),
@@ -356,7 +357,7 @@ def test_no_command_writes_over_a_file_of_another_kind(tmp_path, folder, monkeyp
         ["history", "run", "-o"],
         ["submit", "run", "-o"],
         ["results", "add", "run"],
-        ["reference", "update", "run", "-o"],
+        ["compare", "--update", "run", "-o"],
         ["demand", "table-top", "-o"],
         ["render", "a.nbtf", "-o"],
         ["bake", "maps", "-o"],
