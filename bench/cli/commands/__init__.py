@@ -30,10 +30,14 @@ GROUPS = {  # the groups of the list of commands; commands of other packages fol
     "data": ("info", "bake", "convert", "cache"),
     "look": ("view", "render", "table", "figure", "report", "history"),
     "judge": ("check", "stress", "compare"),
-    "share": ("submit", "verify", "results"),
+    "share": ("results",),
 }
 
-RENAMED = {"reference": "compare RUN --update"}  # commands of earlier versions, and what does their work now
+RENAMED = {  # commands of earlier versions, and what does their work now
+    "reference": "compare RUN --update",
+    "submit": "results pack",
+    "verify": "results verify",
+}
 
 
 def modules() -> dict[str, str]:

@@ -118,6 +118,7 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     [
         (["encod"], "no command named 'encod'; did you mean 'encode'?"),
         (["reference", "update", "runs/ci"], "`reference` is now `compare RUN --update`"),
+        (["submit", "run", "-o", "a.zip"], "`submit` is now `results pack`"),
         (["list", "suites", "quick"], "only codecs have settings"),
         (["check", "pca", "--set", "components=0"], "must be a whole number ≥ 1, not '0'"),
         (["run", "quik"], "did you mean 'quick'?"),
@@ -303,17 +304,17 @@ def test_a_file_in_the_place_of_a_folder_is_one_line_that_names_it_and_exit_code
     run = ["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out"]
     assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
     assert cli.main([*run, "run"]) == 0
-    assert cli.main(["submit", "run", "-o", "a.zip"]) == 0
+    assert cli.main(["results", "pack", "run", "-o", "a.zip"]) == 0
     Path("notes.txt").write_text("text")
     for words in (
         ["export", "a.nbtf", "-o", "notes.txt"],
-        ["verify", "a.zip", "--out", "notes.txt"],
+        ["results", "verify", "a.zip", "--out", "notes.txt"],
         ["stress", "--codec", "mean-colour", "--out", "notes.txt"],
         [*run, "notes.txt"],
         ["new", "codec", "my-codec", "--out", "notes.txt"],
         ["history", "run", "--plot", "notes.txt"],
         ["figure", "rate", "run", "-o", "notes.txt/a.png"],
-        ["submit", "run", "-o", "notes.txt/b.zip"],
+        ["results", "pack", "run", "-o", "notes.txt/b.zip"],
     ):
         capsys.readouterr()
         assert cli.main(words) == 2, words
@@ -355,7 +356,7 @@ def test_no_command_writes_over_a_file_of_another_kind(tmp_path, folder, monkeyp
         ["compare", "run", "run", "--junit"],
         ["figure", "rate", "run", "-o"],
         ["history", "run", "-o"],
-        ["submit", "run", "-o"],
+        ["results", "pack", "run", "-o"],
         ["results", "add", "run"],
         ["compare", "--update", "run", "-o"],
         ["demand", "table-top", "-o"],
