@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 GROUP = "neubtf_bench.commands"
 GROUPS = {  # the groups of the list of commands; commands of other packages follow
-    "measure": ("run", "score", "time", "trade", "choose", "demand"),
+    "measure": ("run", "score", "time", "trade", "choose"),
     "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export", "new"),
     "data": ("info", "bake", "convert", "cache"),
     "look": ("view", "render", "table", "figure", "report", "history"),
@@ -34,6 +34,7 @@ GROUPS = {  # the groups of the list of commands; commands of other packages fol
 }
 
 RENAMED = {  # commands of earlier versions, and what does their work now
+    "demand": "encode --scene SCENE",
     "reference": "compare RUN --update",
     "submit": "results pack",
     "verify": "results verify",

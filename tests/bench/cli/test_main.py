@@ -359,7 +359,6 @@ def test_no_command_writes_over_a_file_of_another_kind(tmp_path, folder, monkeyp
         ["results", "pack", "run", "-o"],
         ["results", "add", "run"],
         ["compare", "--update", "run", "-o"],
-        ["demand", "table-top", "-o"],
         ["render", "a.nbtf", "-o"],
         ["bake", "maps", "-o"],
     ):
