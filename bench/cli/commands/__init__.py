@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 GROUP = "neubtf_bench.commands"
 GROUPS = {  # the groups of the list of commands; commands of other packages follow
     "measure": ("run", "score", "time", "trade", "choose"),
-    "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export", "new"),
+    "codecs": ("list", "encode", "decode", "pretrain", "export", "new"),
     "data": ("info", "bake", "convert", "cache"),
     "look": ("view", "render", "table", "figure", "report", "history"),
     "judge": ("check", "stress", "compare"),
@@ -36,6 +36,7 @@ GROUPS = {  # the groups of the list of commands; commands of other packages fol
 RENAMED = {  # commands of earlier versions, and what does their work now
     "demand": "encode --scene SCENE",
     "reference": "compare RUN --update",
+    "sampling": "export FILE --lobes",
     "submit": "results pack",
     "verify": "results verify",
 }

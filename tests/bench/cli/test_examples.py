@@ -43,7 +43,6 @@ ORDER = [
     "view",
     "render",
     "export",
-    "sampling",
     "table",
     "figure",
     "report",
