@@ -27,13 +27,14 @@ GROUP = "neubtf_bench.commands"
 GROUPS = {  # the groups of the list of commands; commands of other packages follow
     "measure": ("run", "score", "time", "trade", "choose"),
     "codecs": ("list", "encode", "decode", "pretrain", "export", "new"),
-    "data": ("info", "bake", "convert", "cache"),
+    "data": ("info", "bake", "convert"),
     "look": ("view", "render", "table", "figure", "report", "history"),
     "judge": ("check", "stress", "compare"),
     "share": ("results",),
 }
 
 RENAMED = {  # commands of earlier versions, and what does their work now
+    "cache": "info --cache",
     "demand": "encode --scene SCENE",
     "reference": "compare RUN --update",
     "sampling": "export FILE --lobes",

@@ -25,7 +25,7 @@ REFERENCES = "bench/compare/references"
 QUICK = ("new", "list", "bake", "info", "convert", "export")
 TINY = "--set data.size=8 --set data.views=6 --set data.lights=6 --set data.heldout=8"
 SMALL = "--set data.size=16"
-# In this order, a command finds what another one wrote. `cache --clear` comes last.
+# In this order, a command finds what another one wrote.
 ORDER = [
     "new",
     "list",
@@ -53,7 +53,6 @@ ORDER = [
     "stress",
     "compare",
     "results",
-    "cache",
 ]
 # By the beginning of an example, the longest counts: options that make it small; these replace the example's own.
 SMALLER = {

@@ -241,10 +241,10 @@ def test_an_interruption_and_a_termination_are_130_and_an_internal_error_70(ends
 
 
 def test_the_cache_is_shown_and_cleared(tmp_path, capsys):
-    assert cli.main(["cache"]) == 0
+    assert cli.main(["info", "--cache"]) == 0
     (tmp_path / "cache" / "scratch").mkdir(parents=True)
     (tmp_path / "cache" / "scratch" / "a").write_bytes(b"12")
-    assert cli.main(["cache", "--clear"]) == 0
+    assert cli.main(["info", "--remove-cache"]) == 0
     assert "removed 1 files" in capsys.readouterr().out
 
 
