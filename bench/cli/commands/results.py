@@ -1,4 +1,4 @@
-"""pack a run for others, verify theirs, keep records beside a document and write its tables
+"""pack a run for others, verify theirs, keep records beside a document, write its tables
 
 `results add RUN FILE` adds the records of a run, or of a run that `results verify` wrote, to FILE, a .jsonl file small
 enough to commit. `results write DOC` writes the tables of a Markdown file again. Each stands between two comments; the

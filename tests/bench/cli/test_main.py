@@ -118,7 +118,7 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     [
         (["encod"], "no command named 'encod'; did you mean 'encode'?"),
         (["reference", "update", "runs/ci"], "`reference` is now `compare RUN --update`"),
-        (["submit", "run", "-o", "a.zip"], "`submit` is now `results pack`"),
+        (["submit", "run", "-o", "a.zip"], "neubtf-bench: `submit` is now `results pack`"),
         (["list", "suites", "quick"], "only codecs have settings"),
         (["check", "pca", "--set", "components=0"], "must be a whole number ≥ 1, not '0'"),
         (["run", "quik"], "did you mean 'quick'?"),
@@ -287,9 +287,11 @@ def test_what_an_encoding_lacks_is_replaced_and_no_command_fails_on_it(encoding,
             assert ("?" in text) == (encoding != "utf-8")
 
 
-def test_without_a_command_all_are_listed_in_groups(capsys):
+def test_without_a_command_all_are_listed_in_groups_on_one_screen(capsys):
     assert cli.main([]) == 2
     out = capsys.readouterr().out
+    assert len(out.splitlines()) <= 40
+    assert max(map(len, out.splitlines())) <= cli.WIDTH
     for group, names in commands.GROUPS.items():
         block = out.partition(f"\n{group}:\n")[2].partition(":\n")[0]
         assert all(re.search(rf"^  {name} +\w", block, re.M) for name in names), group
