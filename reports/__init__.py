@@ -38,7 +38,7 @@ WHY_EMPTY = {
     "angular": _NO_NUMBERS,
     "radiance": _NO_NUMBERS,
     "footprints": _NO_NUMBERS,
-    "scene": "the run has no scores in a scene: give `run` the --demand of a scene",
+    "scene": "the run has no scores in a scene: give `run` a --scene",
     "fits": "no fit recorded a curve: only codecs that are fitted in steps do",
     "times": "no setting was timed apart from a surface: `neubtf-bench time` does",
     "trade": "no trade was measured: `neubtf-bench trade` measures one, into the folder of its run",

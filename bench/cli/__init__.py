@@ -31,12 +31,8 @@ from bench.machine.threads import handling
 WIDTH = 100  # maximal width of a help text, in columns
 EXAMPLES = "\n\nexamples:\n"  # text after this line of a command's docstring is not wrapped
 DEBUG = "--debug"  # an option of every command
-EVERYDAY = """examples:
-  neubtf-bench run quick                                 eleven codecs on two materials, in minutes
+EVERYDAY = """  neubtf-bench run quick                                 eleven codecs on two materials, in minutes
   neubtf-bench run quick --material PATH --codec pca     one codec on a measured BTF
-  neubtf-bench encode satin --codec pca -o satin.nbtf    one file
-  neubtf-bench score satin.nbtf satin                    its bytes and quality
-  neubtf-bench list codecs pca                           the settings of a codec
   neubtf-bench COMMAND --help                            options of a command, with examples
 """
 
@@ -176,14 +172,21 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
         about += f"\n\n{commands.grouped(known)}"
     top = _Parser(
         prog="neubtf-bench",
+        usage="neubtf-bench [--version] COMMAND ...",
         description=about,
         epilog=EVERYDAY,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        add_help=False,
     )
-    top.add_argument("--version", action="version", version=f"neubtf-bench {bench.__version__}")
+    # The list of commands fills a screen: no section of argparse repeats what the usage says.
+    hidden = argparse.SUPPRESS
+    top.add_argument("-h", "--help", action="help", help=hidden)
+    top.add_argument("--version", action="version", version=f"neubtf-bench {bench.__version__}", help=hidden)
     if wanted and not wanted[0].startswith("-") and wanted[0] not in known:
+        if wanted[0] in commands.RENAMED:
+            raise InputError(f"`{wanted[0]}` is now `{commands.RENAMED[wanted[0]]}`")
         raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
-    listing = top.add_subparsers(required=True, metavar="COMMAND", help="one of these")
+    listing = top.add_subparsers(prog="neubtf-bench", required=True, metavar="COMMAND", help=hidden)
     for name, module in known.items():
         if name not in wanted:
             listing.add_parser(name)

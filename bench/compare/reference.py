@@ -8,19 +8,23 @@ Both hold the scores of slices, packed, so that paired intervals can be computed
 """
 
 import json
+import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from bench import records
+from bench.compare.comparison import check_whole
 from bench.compare.paired import decibels, packed
 from bench.compare.quantities import MAIN, deciding
 from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
-from bench.inputs.errors import InputError
+from bench.files.atomic import write
+from bench.inputs.errors import InputError, writable
 from bench.metrics import metric_of, stats_of
 from bench.records import (
+    FILE,
     FLIP,
     LOW_LIGHT,
     PSNR,
@@ -33,13 +37,60 @@ from bench.records import (
     by_row,
     deciding_group,
     kept,
+    load_run,
     metrics_of,
 )
+
+WIDEST = 1.0  # dB of PSNR: a reference that cannot tell such a loss from chance is refused
 
 
 def committed(suite: str) -> Path:
     """The path of a suite's reference in this package."""
     return Path(str(files("bench.compare"))) / "references" / f"{suite}.jsonl"
+
+
+class Update(NamedTuple):
+    """A reference that was written again."""
+
+    before: Run | None  # what the file held; None without one
+    after: Run
+    losses: dict[str, dict[str, float]]  # `smallest_losses` that a run shows
+
+
+def update(run: Run, path: Path, wide: bool) -> Update:
+    """Write the `reference` of a run to the file `path`, which keeps further seeds of what it held.
+
+    `InputError`, before anything is written, for a name that no reference has, for a damaged file, and, unless `wide`,
+    for a reference with a row that hides a loss of PSNR above `WIDEST`.
+    """
+    if path.suffix != ".jsonl":
+        raise InputError(f"{path}: the name of a reference ends in .jsonl")
+    if path.name == FILE:  # of this run or of another: its measurements would be lost
+        raise InputError(f"{path}: the records of a run have this name: give --out another one")
+    before = load_run(path) if path.is_file() else None
+    if before:
+        check_whole(before)
+    text = reference(run, before)
+    with tempfile.TemporaryDirectory() as folder:  # judged before it replaces the one that is there
+        trial = Path(folder) / path.name
+        trial.write_text(text, encoding="utf-8")
+        losses = smallest_losses(load_run(trial), seeds_of(run))
+    if not wide:
+        _refuse_wide(losses, path)
+    with writable(path, "give --out FILE"):
+        write(path, text.encode())
+    return Update(before, load_run(path), losses)
+
+
+def _refuse_wide(losses: dict[str, dict[str, float]], path: Path) -> None:
+    """Raise `InputError` for rows whose loss of PSNR must exceed `WIDEST` to be told from chance."""
+    wide = {name: loss_of[MAIN] for name, loss_of in losses.items() if loss_of.get(MAIN, 0.0) > WIDEST}
+    if wide:
+        listed = ", ".join(f"{name} {loss:.1f} dB" for name, loss in wide.items())
+        raise InputError(
+            f"{path}: not written: smaller losses of PSNR could not be told from chance: {listed}: fit with "
+            "more steps, add seeds, or give --wide"
+        )
 
 
 def reference(run: Run, before: Run | None = None) -> str:
@@ -128,6 +179,28 @@ def seeds_of(run: Run) -> int:
     if not seeds:  # the suite is unknown
         seeds = {job["seed"] for job in run.jobs}
     return len(seeds)
+
+
+def limits(update: Update) -> list[str]:
+    """Lines that say what a reference cannot tell: losses within chance, and codecs whose scatter is not known."""
+    with_own_pairs = pairs_by_seed(update.after)
+    lines = []
+    if update.losses:
+        lines.append("losses below these cannot be told from chance on these materials:")
+        width = max(map(len, update.losses))
+        for name, loss_of in update.losses.items():
+            listed = ", ".join(f"{word} {value:.2f} dB" for word, value in loss_of.items())
+            lines.append(f"  {name:<{width}}  {listed}")
+    few = [name for name in few_seeds(update.after) if name not in with_own_pairs]
+    if few:
+        lines.append(f"too few seeds to tell a spread; add some with `run --seed N --out RUN`: {', '.join(few)}")
+    if with_own_pairs:
+        lines.append(
+            "warning: each seed is scored at its own test pairs, so only seeds that a run shares with this reference "
+            'show a change, and margins are wide; write split = "validation" into [data] of the suite, and run it '
+            f"again: {', '.join(with_own_pairs)}"
+        )
+    return lines
 
 
 def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:

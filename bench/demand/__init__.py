@@ -18,4 +18,4 @@ def require_demand(codec: "Codec", demand: object) -> None:
     """Raise `InputError` if a codec shall be fitted to a scene, but no demand is given."""
     if codec.scene and not demand:
         fault = "scene = true needs the demand of a scene"
-        raise InputError(f"codec {codec.name}: {fault}: give it to `run` or `encode` with --demand")
+        raise InputError(f"codec {codec.name}: {fault}: give it to `run` or `encode` with --scene")

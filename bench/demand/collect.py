@@ -7,29 +7,19 @@ of its picture.
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from bench.btf import Array
 from bench.codec import Progress, followed, silent
-from bench.demand.demand import CELLS, FARTHEST, MOST, NAMES, Demand, unit
+from bench.demand.demand import CELLS, FARTHEST, NAMES, Demand, unit
 from bench.inputs.errors import InputError
 
+QUERIES = 250_000  # the most queries of a demand that a command collects
 PREVIEW = 96  # cells along the longer side of the first picture, which estimates how much of it shows the material
 FRAME = 1 << 21  # cells of one frame: its rays are cast at once
 SPARE = 0.97  # share of the limit to aim at, because the first picture is coarse
-
-
-def checked(limit: int, out: Path) -> None:
-    """Check the limit of queries and the path of the demand before any work starts."""
-    if not 1 <= limit <= MOST:
-        raise InputError(f"--queries {limit}: must be between 1 and {MOST}")
-    if out.suffix != ".npz":
-        raise InputError(f"{out}: a demand is an .npz file: give it that ending")
-    if not out.parent.is_dir():
-        raise InputError(f"{out}: there is no such folder: make it first")
 
 
 @dataclass(frozen=True)
@@ -161,7 +151,7 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
             queries["pixel"] += frame * cells  # pixels are numbered on from frame to frame
             parts.append(queries)
     if not parts:
-        raise InputError(f"{scene.name}: too few rays hit the material: move the camera, or raise --queries")
+        raise InputError(f"{scene.name}: too few rays hit the material: move the camera nearer")
     columns: dict[str, Any] = {}
     for name in NAMES:
         columns[name] = np.concatenate([part[name] for part in parts])

@@ -109,7 +109,7 @@ def load(path: str | Path) -> Demand:
         _check(arrays, frames)
     except InputError as error:
         reason = str(error).removeprefix(f"{path}: ")
-        raise InputError(f"{path}: not a demand: {reason}: make one with `neubtf-bench demand`") from error
+        raise InputError(f"{path}: not a demand: {reason}: `encode --scene` makes one") from error
     # The fingerprint is of the numbers in the file, so it is taken before directions become floats.
     digest = hashlib.sha256(json.dumps(frames).encode())
     for name in sorted(arrays):

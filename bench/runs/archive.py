@@ -135,7 +135,7 @@ def unpack(path: Path, folder: Path) -> Run:
         # A small zip can unpack to terabytes, so its sizes are checked before anything is unpacked.
         most = min(MOST_BYTES, max(LEAST_BYTES, RATIO * files.length))
         if sum(map(files.size, files.entries)) > most:
-            raise InputError(f"{path}: it unpacks to more than {most >> 20:,} MiB: submit and verify it in parts")
+            raise InputError(f"{path}: it unpacks to more than {most >> 20:,} MiB: pack and verify it in parts")
         atomic.make_folder(folder / "files")
         for name in files.entries:
             (folder / name).write_bytes(files.read(name))
@@ -236,7 +236,7 @@ def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialS
     materials = [table("materials of its run", MaterialSpec, each) for each in stated]
     of_this_name = [spec for spec in materials if spec.name == job["material"]]
     if not of_this_name:
-        raise InputError(f"its run does not say how {job['material']} was prepared: submit the run again")
+        raise InputError(f"its run does not say how {job['material']} was prepared: pack the run again")
     spec = of_this_name[0]
     if spec.name in places:
         return dataclasses.replace(spec, path=places[spec.name])

@@ -105,7 +105,7 @@ def test_a_script_fits_to_a_scene_as_a_run_does(tmp_path, folder):
     demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
     steps = ["--set", "neubtf-direct.steps=3", "--set", "scene=true"]
     codecs = ["--codec", "pca", "--codec", "neubtf-direct"]
-    words = ["run", "quick", "--out", "run", "--material", str(folder), "--demand", "scene.npz", *codecs, *steps]
+    words = ["run", "quick", "--out", "run", "--material", str(folder), "--scene", "scene.npz", *codecs, *steps]
     assert cli.main(words) == 0
     measured = {job["codec"]: job for job in load_run(tmp_path / "run").jobs if job["settings"].get("scene")}
     assert set(measured) == {"pca", "neubtf-direct"}
@@ -121,7 +121,7 @@ def test_a_script_fits_to_a_scene_as_a_run_does(tmp_path, folder):
 
 def test_a_script_searches_the_smallest_file_for_a_scene_as_the_command_does(tmp_path, folder, capsys):
     demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
-    words = ["encode", str(folder), "--codec", "pca", "--set", "components=4", "--demand", "scene.npz"]
+    words = ["encode", str(folder), "--codec", "pca", "--set", "components=4", "--scene", "scene.npz"]
     code = cli.main([*words, "-o", "command.nbtf"])
     shown = capsys.readouterr().out
     goal = bench.SceneGoal(tmp_path / "scene.npz")

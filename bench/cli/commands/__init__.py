@@ -25,12 +25,20 @@ if TYPE_CHECKING:
 
 GROUP = "neubtf_bench.commands"
 GROUPS = {  # the groups of the list of commands; commands of other packages follow
-    "measure": ("run", "score", "time", "trade", "choose", "demand"),
-    "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export", "new"),
-    "data": ("info", "bake", "convert", "cache"),
-    "look": ("view", "render", "table", "figure", "report", "history"),
-    "judge": ("check", "stress", "compare", "reference"),
-    "share": ("submit", "verify", "results"),
+    "compare codecs": ("run", "table", "report", "figure", "history", "compare"),
+    "find the best setting": ("choose", "trade", "time"),
+    "make and see a codec file": ("encode", "score", "view", "render", "decode", "export", "info", "pretrain"),
+    "bring materials": ("bake", "convert"),
+    "add a codec, share results": ("list", "new", "check", "stress", "results"),
+}
+
+RENAMED = {  # commands of earlier versions, and what does their work now
+    "cache": "info --cache",
+    "demand": "encode --scene SCENE",
+    "reference": "compare RUN --update",
+    "sampling": "export FILE --lobes",
+    "submit": "results pack",
+    "verify": "results verify",
 }
 
 
@@ -51,7 +59,7 @@ def grouped(known: dict[str, str]) -> str:
     """The commands of `modules` in groups, each with a line that says what it does."""
     ours: set[str] = set().union(*GROUPS.values())
     others = tuple(name for name in known if name not in ours)
-    groups = GROUPS | {"of methods": others} if others else GROUPS
+    groups = GROUPS | {"commands of methods": others} if others else GROUPS
     lines = []
     for group, names in groups.items():
         lines.append(f"{group}:")

@@ -2,7 +2,7 @@
 
 If no measured setting meets the wish, and some settings of the suite are not measured yet, the command first fits and
 measures these. It says how many, and about how long it takes once one fit of each codec is done. Validation pairs
-decide, test pairs are only shown; with --demand the frames of a scene decide, whose truth is interpolated between
+decide, test pairs are only shown; with --scene the frames of a scene decide, whose truth is interpolated between
 training pairs. If none meets the wishes, it says which of them the nearest one misses. `--json` writes the chosen
 setting, or the nearest one, and which of `size`, `time`, `score` and `gpu` it has `missed`.
 
@@ -10,7 +10,7 @@ examples:
   neubtf-bench choose satin --min-psnr 30
   neubtf-bench choose satin --max-bytes 300k --max-ns 500 -o satin.nbtf
   neubtf-bench choose satin --max-bytes 300k --json choice.json
-  neubtf-bench choose satin --max-bytes 300k --demand table-top.npz
+  neubtf-bench choose satin --max-bytes 300k --scene table-top
   neubtf-bench choose satin --min-psnr 30 --codec neumip --codec pca --steps 300 --jobs 0
 """
 
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.cli.commands import json_option, json_writer, say_line, several, usable_device, workers
+from bench.cli.commands._scene import demand_file, scene_options
 from bench.cli.console import Console
 from bench.codecs import container, shared
 from bench.codecs.loading import load
@@ -64,8 +65,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--max-ns", type=float, metavar="NS", help=f"{time}(GPU time with --device cuda)")
     gpu = "the largest size of the textures on a GPU, as `export` writes them; what it cannot export does not count"
     add("--max-gpu-bytes", metavar="BYTES", help=gpu)
-    scene = "choose by the PSNR of the frames of a scene, an .npz of `demand`; --min-psnr is then theirs"
-    add("--demand", type=Path, metavar="FILE", help=scene)
+    scene_options(parser, "choose by the PSNR of the frames of a scene (--min-psnr is then theirs)")
     several(parser, "--codec", "fit and choose only this codec; repeatable")
     add("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
     jobs = "how many fits at once, each in its own process (and on its own GPU); "
@@ -94,6 +94,10 @@ def run(options: argparse.Namespace) -> int:
     # Which settings are there, measured or not, and do those that are measured meet the wishes?
     suite = _suite(options)
     folder = options.out or Path("runs") / suite.name
+    with Console() as console:
+        demand = demand_file(options, folder, console)
+    if demand:
+        suite = replace(suite, demand=str(demand))
     material = suite.materials[0].name
     if not suite.data.validation:
         why = f"suite {suite.name} has no validation pairs to choose by"
@@ -134,7 +138,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _frames_in_words(rung: "Rung", options: argparse.Namespace) -> str:
     """The PSNR of a scene's frames, which chose, to follow the figures of a setting; "" without a scene."""
-    return f", {rung.score:.2f} dB in the frames of {options.demand}" if options.demand else ""
+    return f", {rung.score:.2f} dB in the frames of {options.scene}" if options.scene else ""
 
 
 def _fields(folder: Path, row: "TradeChoice") -> dict[str, Any]:
@@ -249,8 +253,6 @@ def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
 def _suite(options: argparse.Namespace) -> "Suite":
     """The suite that the options name, for one material."""
     suite = with_changes(load_suite(options.suite), [options.material], options.codec, changes={})
-    if options.demand:
-        suite = replace(suite, demand=str(options.demand))
     if options.steps is None:
         return suite
     try:
@@ -275,8 +277,8 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
     # A setting that failed is not tried again.
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
     rungs = usable_rungs(rows, material)
-    if options.demand:
-        rungs = _by_frames(folder, rungs, load_demand(options.demand).fingerprint)
+    if options.scene:
+        rungs = _by_frames(folder, rungs, load_demand(suite.demand).fingerprint)
         tried &= {row["label"] for row in rows if "error" in row} | {rung.of["label"] for rung in rungs}
     if options.max_gpu_bytes:
         jobs = {rung.of.get("job", "") for rung in rungs}

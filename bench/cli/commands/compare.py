@@ -7,7 +7,15 @@ advice. Exit codes: 0 nothing got worse; 1 a regression, or a row that vanished 
 does not name; 2 BASE is damaged; 3 a job failed; 4 nothing can be compared. Two stress tests are compared cell by cell,
 as text.
 
+With --update, a reference is made from a run: FILE, or that of the run's suite inside the installed package (in a clone
+that is not installed with -e, give --out bench/compare/references/SUITE.jsonl). What changed is printed. A reference
+should have more seeds than a run, because they tell how far the results of a codec scatter: first add seeds to the
+run's folder, with `neubtf-bench run SUITE --seed N --out RUN`. A reference that could not tell a loss of a decibel of
+PSNR from chance guards nothing: it is refused without --wide.
+
 examples:
+  neubtf-bench compare runs/ci --update
+  neubtf-bench compare runs/mine --update -o reference.jsonl
   neubtf-bench compare bench/compare/references/ci.jsonl runs/ci
   neubtf-bench compare runs/before runs/after --markdown verdict.md
 """
@@ -15,12 +23,14 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import several, write_text
+from bench.cli.commands import say_line, several, write_text
 from bench.compare.comparison import compare, compare_extremes
 from bench.compare.forms import annotations, junit, tracker
+from bench.compare.reference import committed, limits, update
 from bench.files.atomic import begins, refuse_other_kind
-from bench.inputs.errors import InputError
+from bench.inputs.errors import FINE, InputError
 from bench.records import load_run
+from bench.runs.suite import builtin_suites
 from reports.comparison import markdown, terminal
 
 
@@ -28,7 +38,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command to its parser."""
     add = parser.add_argument
     add("base", metavar="BASE", help="the folder of a run, or a file of records such as a reference")
-    add("new", metavar="NEW", help="the folder or file of records to judge")
+    add("new", metavar="NEW", nargs="?", help="the folder or file of records to judge")
     several(parser, "--material", "only this material; repeatable")
     several(parser, "--codec", "only this codec; repeatable")
     gone = "accept that this codec, label, material, MATERIAL/LABEL or pattern is gone or incomparable; repeatable"
@@ -37,10 +47,20 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--junit", type=Path, metavar="FILE", help="write the verdict as JUnit XML")
     add("--tracker", type=Path, metavar="FOLDER", help="write the numbers of NEW for github-action-benchmark")
     add("--annotations", action="store_true", help="also print annotations for GitHub")
+    add("--update", action="store_true", help="make a reference from BASE, a run, and print what changed")
+    place = "with --update: the .jsonl file to write (default: that of the installed package)"
+    add("-o", "--out", type=Path, metavar="FILE", help=place)
+    add("--wide", action="store_true", help="with --update: also write one that hides losses of over 1 dB")
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the comparison, and write the files that are asked for; returns the exit code of the comparison."""
+    if options.update:
+        return _update(options)
+    if not options.new:
+        raise InputError("compare: give NEW, the run to judge, or --update to make a reference from BASE")
+    if options.out or options.wide:
+        raise InputError("--out, --wide: only with --update: leave them out")
     base, new = load_run(options.base), load_run(options.new)
     for name, each in ((options.base, base), (options.new, new)):
         if each.jobs and each.stress:
@@ -69,3 +89,26 @@ def run(options: argparse.Namespace) -> int:
         for name, text in tracker(new).items():
             write_text(options.tracker / name, text)
     return comparison.exit_code
+
+
+def _update(options: argparse.Namespace) -> int:
+    """Write a reference again, and print what changed and what it cannot tell; returns the exit code."""
+    of_verdicts = ("new", "material", "codec", "allow", "markdown", "junit", "tracker", "annotations")
+    given = [name for name in of_verdicts if getattr(options, name)]
+    if given:
+        raise InputError(f"--update: not with {', '.join(given)}: a reference is made from one whole run")
+    measured = load_run(options.base)
+    if not all("run" in start for start in measured.starts):
+        raise InputError(f"{options.base}: it is a reference, not a run: give the folder of a run")
+    path = options.out
+    if path is None:
+        suite = measured.starts[-1]["suite"] if measured.starts else ""
+        if suite not in builtin_suites():
+            raise InputError(f"{options.base}: not a run of a built-in suite: give --out FILE")
+        path = committed(suite)
+    made = update(measured, path, options.wide)
+    print(terminal(compare(made.before or made.after, made.after)))
+    say_line(f"wrote {path}: {len(made.after.jobs)} jobs, {path.stat().st_size:,} bytes")
+    for line in limits(made):
+        say_line(line)
+    return FINE

@@ -1,4 +1,4 @@
-"""decode a codec file into slices (EXR pictures and pairs.csv), or a file of svbrdf into its maps
+"""decode a codec file into slices (EXR and pairs.csv), or one of svbrdf into its maps
 
 examples:
   neubtf-bench decode satin.nbtf -o decoded

@@ -1,23 +1,26 @@
 """encode the training pairs of one BTF into a codec file
 
-With --demand the file is the smallest one that reaches a target in the pictures of a scene: see docs/scenes.md.
+With --scene the file is the smallest one that reaches a target in the pictures of a scene: see docs/scenes.md. The
+queries of these pictures, the demand of the scene, are written beside the file as `demand-SCENE.npz`, which is another
+--scene, and drawn.
 
 examples:
   neubtf-bench encode satin --codec pca --set components=8 -o satin.nbtf
-  neubtf-bench encode cable-knit --codec pca --demand table-top.npz -o cable-knit.nbtf
+  neubtf-bench encode cable-knit --codec pca --scene table-top -o cable-knit.nbtf
+  neubtf-bench encode cable-knit --codec pca --scene room.xml --bsdf sofa -o sofa.nbtf
 """
 
 import argparse
 from pathlib import Path
 
 from bench.cli.commands import assignments, read_as, reading_options, seed_option, threads, usable_device
+from bench.cli.commands._scene import demand_file, scene_options
 from bench.cli.console import Console
 from bench.codecs import container, shared
 from bench.codecs.encoding import error_in_words
 from bench.codecs.registry import make_codec
 from bench.data.open import open_named
 from bench.demand import UNIFORM, require_demand
-from bench.demand.demand import load as load_demand
 from bench.inputs.errors import FINE, NO, ContainerError, EncodeError, InputError
 from bench.runs.library import SceneGoal, encode, encode_for_scene
 from reports.scene_models import scene_models_text
@@ -30,12 +33,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--codec", required=True)
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
     reading_options(parser)
-    add("--demand", type=Path, help="fit the smallest file for a scene, an .npz of `demand`")
-    flip = "with --demand: the largest FLIP of the frames "
+    scene_options(parser, "fit the smallest file for a scene")
+    flip = "with --scene: the largest FLIP of the frames "
     flip += "(default without a target: a PSNR 0.2 dB below the full model's)"
-    add("--target-psnr", type=float, metavar="DB", help="with --demand: the least PSNR of the frames")
+    add("--target-psnr", type=float, metavar="DB", help="with --scene: the least PSNR of the frames")
     add("--target-flip", type=float, metavar="FLIP", help=flip)
-    add("--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)")
+    add("--uniform", type=float, help="with --scene: the share of samples spread evenly (default: 0.1)")
     add("--seed", type=seed_option, default=0, help="the repetition, as in the seeds of a suite (default: 0)")
     add("--threads", type=threads, default=1)
     add("--device", default="cpu")
@@ -49,13 +52,13 @@ def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set) | read_as(options)
     settings = {key: value for key, value in changes.items() if not key.startswith("data.")}
     codec = make_codec(options.codec, settings)
-    demand = load_demand(options.demand) if options.demand else None
-    require_demand(codec, demand)
+    require_demand(codec, options.scene)
     device = usable_device(options.device)
     shared.find_for(codec)  # a missing one is said before anything is rendered
     how = {"seed": options.seed, "threads": options.threads, "device": device}
     code = FINE
     with Console() as console:
+        demand = demand_file(options, options.out.parent, console)
         btf = open_named(options.btf, changes, console.show)
         if demand:
             uniform = UNIFORM if options.uniform is None else options.uniform
@@ -84,8 +87,8 @@ def _check(options: argparse.Namespace) -> None:
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: there is no such folder: make it first")
     for word in ("target_psnr", "target_flip", "uniform"):
-        if getattr(options, word) is not None and not options.demand:
-            raise InputError(f"--{word.replace('_', '-')}: only for a fit to a scene: give its --demand")
+        if getattr(options, word) is not None and not options.scene:
+            raise InputError(f"--{word.replace('_', '-')}: only for a fit to a scene: give its --scene")
     if options.uniform is not None and not 0 <= options.uniform <= 1:
         raise InputError(f"--uniform {options.uniform}: must be between 0 and 1")
     container.refuse_other_file(options.out)

@@ -1,4 +1,4 @@
-"""write the files that start your own project: a codec, a metric, a reader of data, or a check in CI
+"""start a project of your own: a codec, a metric, a reader of data, or a check in CI
 
 `new codec NAME` writes the folder NAME-codec: a small working codec for you to change, and its `pyproject.toml`; with
 --neural a neural texture and a network, with a fit in a loop of its own. After `pip install ./NAME-codec`,
@@ -49,7 +49,7 @@ _NEXT = {
     "reader": "pip install ./{name}-reader\npytest {name}-reader\nneubtf-bench run quick --material PATH",
     "ci": "git submodule add URL-OF-THE-SUITE neubtf-bench\n"
     "neubtf-bench run tracking.toml --fresh --out runs/tracking\n"
-    "neubtf-bench reference update runs/tracking --out reference.jsonl",
+    "neubtf-bench compare runs/tracking --update --out reference.jsonl",
 }
 
 

@@ -1,8 +1,8 @@
-"""keep records beside a document, and write its tables from them
+"""pack a run for others, verify theirs, keep records beside a document, write its tables
 
-`results add RUN FILE` adds the records of a run, or of a run that `verify` wrote, to FILE, a .jsonl file small enough
-to commit. `results write DOC` writes the tables of a Markdown file again. Each stands between two comments; the first
-one is the command that makes it:
+`results add RUN FILE` adds the records of a run, or of a run that `results verify` wrote, to FILE, a .jsonl file small
+enough to commit. `results write DOC` writes the tables of a Markdown file again. Each stands between two comments; the
+first one is the command that makes it:
 
     <!-- neubtf-bench table summary docs/results/quick.jsonl -->
     …
@@ -14,7 +14,21 @@ one is the command that makes it:
 archives (`*.zip`, whose results are only claimed) in the folder of `--records`, with the pictures of the runs that
 you name. It needs no clone: `results add` makes a file of records of any run.
 
+`results pack RUN -o FILE` packs the records and codec files of a run into an archive. Anyone who has it can decode and
+score every file again, so nobody has to trust you. The last lines printed are a text to hand it in with.
+
+`results verify ARCHIVE` scores the files of an archive here, and says which numbers agree. Nothing in an archive is run
+or installed. A codec from elsewhere must be installed here first; otherwise its jobs are listed with version and hash,
+but not verified. Numbers that were measured here become a run, which `table`, `compare` and `results add` read; it has
+no numbers that are only claimed, such as the seconds of a fit. Measured data must be under NEUBTF_DATA, or where
+--material says.
+
 examples:
+  neubtf-bench results pack runs/mine -o mine.zip
+  neubtf-bench results pack runs/quick --codec pca -o pca.zip
+  neubtf-bench results verify mine.zip
+  neubtf-bench results verify mine.zip --material carpet07.btf=data/carpet07.btf --out runs/theirs
+  neubtf-bench results add runs/mine docs/results/quick.jsonl
   neubtf-bench results add runs/quick docs/results/quick.jsonl
   neubtf-bench results write docs/results.md README.md
   neubtf-bench results write --site site --runs runs/quick
@@ -25,7 +39,7 @@ import re
 import shlex
 from pathlib import Path
 
-from bench.cli.commands import say_line, table
+from bench.cli.commands import _archives, say_line, table
 from bench.codecs.described import described_codecs
 from bench.compare.reference import published
 from bench.files.atomic import write
@@ -65,10 +79,16 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     check = actions.add_parser("check", help="fail if a table is out of date")
     check.add_argument("documents", type=Path, nargs="+", metavar="DOC", help="a Markdown file")
+    _archives.pack_arguments(actions.add_parser("pack", help="pack a run into an archive that others can verify"))
+    _archives.verify_arguments(actions.add_parser("verify", help="score the files of an archive here"))
 
 
 def run(options: argparse.Namespace) -> int:
-    """Add records, write tables or the board, or check tables; returns `NO` if a checked table is out of date."""
+    """Do the action; returns `NO` if a checked table is out of date or a verified number differs."""
+    if options.action == "pack":
+        return _archives.pack_run(options)
+    if options.action == "verify":
+        return _archives.verify_archive(options)
     if options.action == "add":
         return _add(options.run, options.file)
     if options.action == "write" and options.site:

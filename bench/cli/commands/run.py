@@ -24,6 +24,7 @@ from bench.cli.commands import (
     usable_device,
     workers,
 )
+from bench.cli.commands._scene import demand_file, scene_options
 from bench.cli.console import Console
 from bench.inputs.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 from bench.records import load_run
@@ -40,7 +41,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     several(parser, "--metric", "score with this metric too; repeatable")
     add("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
     reading_options(parser)
-    add("--demand", help="an .npz of `demand`: score in its scene too; codecs with scene=true fit to it")
+    scene_options(parser, "score in a scene too; codecs with scene=true fit to it")
     only = "run only this seed, instead of the suite's; repeatable"
     add("--seed", type=seed_option, action="append", default=[], metavar="SEED", help=only)
     add("--fresh", action="store_true", help="fit and score finished jobs again")
@@ -64,8 +65,6 @@ def run(options: argparse.Namespace) -> int:
     changes |= read_as(options)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
     suite = with_metrics(suite, options.metric)
-    if options.demand:
-        suite = replace(suite, demand=options.demand)
     # Run it. The workers of a scheduler are elsewhere, where other devices and other data may be.
     if not options.scheduler:
         require_materials(suite, "--material" if options.material else f"{options.suite}: materials")
@@ -74,6 +73,9 @@ def run(options: argparse.Namespace) -> int:
     seats = _workers(options, suite.threads)
     outcomes: list[runner.Outcome] = []
     with Console() as console:
+        demand = demand_file(options, folder, console)
+        if demand:
+            suite = replace(suite, demand=str(demand))
         for line in described_changes(suite, changes):
             console.say(line)
         settings = runner.Options(folder, device, options.fresh, options.retry_failed, console.show, console.say, seats)

@@ -17,6 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.cli.commands import assignments, json_option, json_writer, read_as, reading_options, threads, usable_device
+from bench.cli.commands._scene import demand_file, scene_options
 from bench.cli.console import Console
 from bench.codecs.container import read_header
 from bench.data.open import open_named
@@ -33,7 +34,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("btf", metavar="BTF", help="the encoded BTF: a built-in material or a path")
     parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how the BTF is prepared")
     reading_options(parser)
-    parser.add_argument("--demand", type=Path, help="an .npz of `neubtf-bench demand`: score in its scene too")
+    scene_options(parser, "score in a scene too, whose queries are written beside FILE")
     parser.add_argument("--threads", type=threads, default=1, help="CPU threads of the decoder (default: 1)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     json_option(parser)
@@ -50,9 +51,10 @@ def run(options: argparse.Namespace) -> int:
     if not options.file.is_dir():
         read_header(options.file)  # report a wrong file before anything is rendered
     with Console() as console:
+        demand = demand_file(options, options.file.parent, console)
         btf = open_named(options.btf, changes, console.show)
         place = {"threads": options.threads, "device": usable_device(options.device)}
-        scores = score(options.file, btf, demand=options.demand, show=console.show, **place)
+        scores = score(options.file, btf, demand=demand, show=console.show, **place)
     spec = CodecSpec(scores["codec"], scores["settings"])
     label = spec.label
     if spec.settings:  # as a run writes it: only the settings that differ from the codec's defaults

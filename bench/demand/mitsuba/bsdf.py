@@ -10,7 +10,7 @@ repeats more often, so texels are square if uv keep the proportions of the surfa
 the back, which is black otherwise. The frame is the shape's: u along `dp_du`, v to the side of `dp_dv`, and its shading
 normal. Answers are averaged over the footprint of a pixel: from the derivatives of uv if an integrator gives them (in
 the differentiable variants it does not), else from `pixel_angle`, in radians, and the length of the ray. Directions are
-drawn by the cosine, or from the file's lobes if `neubtf-bench sampling` has fitted some.
+drawn by the cosine, or from the file's lobes if `neubtf-bench export --lobes` has fitted some.
 """
 
 from functools import cache

@@ -25,7 +25,7 @@ REFERENCES = "bench/compare/references"
 QUICK = ("new", "list", "bake", "info", "convert", "export")
 TINY = "--set data.size=8 --set data.views=6 --set data.lights=6 --set data.heldout=8"
 SMALL = "--set data.size=16"
-# In this order, a command finds what another one wrote. `cache --clear` comes last.
+# In this order, a command finds what another one wrote.
 ORDER = [
     "new",
     "list",
@@ -33,7 +33,6 @@ ORDER = [
     "time",
     "bake",
     "pretrain",
-    "demand",
     "encode",
     "propagate",
     "latents",
@@ -44,7 +43,6 @@ ORDER = [
     "view",
     "render",
     "export",
-    "sampling",
     "table",
     "figure",
     "report",
@@ -53,12 +51,8 @@ ORDER = [
     "choose",
     "check",
     "stress",
-    "reference",
     "compare",
-    "submit",
-    "verify",
     "results",
-    "cache",
 ]
 # By the beginning of an example, the longest counts: options that make it small; these replace the example's own.
 SMALLER = {
@@ -69,7 +63,6 @@ SMALLER = {
     "run budgets": f"--material satin --codec pca --jobs 1 {TINY}",
     "bake": "--size 8 --views 6 --lights 6 --heldout 8",
     "pretrain": "--steps 2 --materials 2",
-    "demand": "--queries 2000",
     "encode cable-knit": SMALL,
     "encode satin": SMALL,
     "score": SMALL,
@@ -172,10 +165,10 @@ def before(words: list[str]) -> None:
     elif line.startswith("history") and not Path("runs/before").exists():
         for name in ("before", "after"):
             shutil.copytree("runs/quick", f"runs/{name}")
-    elif line.startswith("reference update runs/ci"):
+    elif line == "compare runs/ci --update":
         small = ["--material", "satin", "--codec", "pca", "--codec", "mean-colour", "--set", "data.size=8"]
         assert cli.main(["run", "ci", *small]) == 0
-    elif line.startswith("submit runs/mine"):
+    elif line.startswith("results pack runs/mine"):
         assert (
             cli.main(["run", "quick", "--material", "data/carpet07.btf", "--codec", "pca", "--out", "runs/mine"]) == 0
         )
@@ -183,8 +176,8 @@ def before(words: list[str]) -> None:
         Path(words[-1]).unlink()
     elif line.startswith("results write docs"):
         shutil.copytree(ROOT / "docs" / "results", "docs/results", dirs_exist_ok=True)
-    elif line.startswith("verify"):
-        shutil.rmtree("runs/mine")  # of those who submit; who verifies has none
+    elif line == "results verify mine.zip":
+        shutil.rmtree("runs/mine")  # of those who packed it; who verifies has none
 
 
 @pytest.fixture
@@ -196,7 +189,7 @@ def scratch(tmp_path, monkeypatch, brief_trade):
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "site"), str(ROOT)]))
     monkeypatch.setattr("webbrowser.open", lambda place: True)
-    monkeypatch.setattr("bench.cli.commands.reference.committed", lambda suite: Path(f"{REFERENCES}/{suite}.jsonl"))
+    monkeypatch.setattr("bench.cli.commands.compare.committed", lambda suite: Path(f"{REFERENCES}/{suite}.jsonl"))
     made()
 
 

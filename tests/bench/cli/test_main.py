@@ -117,6 +117,8 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     ("words", "message"),
     [
         (["encod"], "no command named 'encod'; did you mean 'encode'?"),
+        (["reference", "update", "runs/ci"], "`reference` is now `compare RUN --update`"),
+        (["submit", "run", "-o", "a.zip"], "neubtf-bench: `submit` is now `results pack`"),
         (["list", "suites", "quick"], "only codecs have settings"),
         (["check", "pca", "--set", "components=0"], "must be a whole number ≥ 1, not '0'"),
         (["run", "quik"], "did you mean 'quick'?"),
@@ -196,7 +198,7 @@ def test_what_would_silently_keep_its_last_value_is_refused_in_one_line(words, t
     assert error.count("\n") == 1
 
 
-@pytest.mark.parametrize("words", [["encode", "satin", "--codec", "pca"], ["run"], ["bake", "maps"], ["sampling", "a"]])
+@pytest.mark.parametrize("words", [["encode", "satin", "--codec", "pca"], ["run"], ["bake", "maps"]])
 def test_a_seed_is_one_of_those_of_a_suite(words, capsys):
     for seed in ("-1", "99999999999"):
         with pytest.raises(SystemExit):
@@ -239,10 +241,10 @@ def test_an_interruption_and_a_termination_are_130_and_an_internal_error_70(ends
 
 
 def test_the_cache_is_shown_and_cleared(tmp_path, capsys):
-    assert cli.main(["cache"]) == 0
+    assert cli.main(["info", "--cache"]) == 0
     (tmp_path / "cache" / "scratch").mkdir(parents=True)
     (tmp_path / "cache" / "scratch" / "a").write_bytes(b"12")
-    assert cli.main(["cache", "--clear"]) == 0
+    assert cli.main(["info", "--remove-cache"]) == 0
     assert "removed 1 files" in capsys.readouterr().out
 
 
@@ -285,9 +287,11 @@ def test_what_an_encoding_lacks_is_replaced_and_no_command_fails_on_it(encoding,
             assert ("?" in text) == (encoding != "utf-8")
 
 
-def test_without_a_command_all_are_listed_in_groups(capsys):
+def test_without_a_command_all_are_listed_in_groups_on_one_screen(capsys):
     assert cli.main([]) == 2
     out = capsys.readouterr().out
+    assert len(out.splitlines()) <= 40
+    assert max(map(len, out.splitlines())) <= cli.WIDTH
     for group, names in commands.GROUPS.items():
         block = out.partition(f"\n{group}:\n")[2].partition(":\n")[0]
         assert all(re.search(rf"^  {name} +\w", block, re.M) for name in names), group
@@ -302,17 +306,17 @@ def test_a_file_in_the_place_of_a_folder_is_one_line_that_names_it_and_exit_code
     run = ["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out"]
     assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
     assert cli.main([*run, "run"]) == 0
-    assert cli.main(["submit", "run", "-o", "a.zip"]) == 0
+    assert cli.main(["results", "pack", "run", "-o", "a.zip"]) == 0
     Path("notes.txt").write_text("text")
     for words in (
         ["export", "a.nbtf", "-o", "notes.txt"],
-        ["verify", "a.zip", "--out", "notes.txt"],
+        ["results", "verify", "a.zip", "--out", "notes.txt"],
         ["stress", "--codec", "mean-colour", "--out", "notes.txt"],
         [*run, "notes.txt"],
         ["new", "codec", "my-codec", "--out", "notes.txt"],
         ["history", "run", "--plot", "notes.txt"],
         ["figure", "rate", "run", "-o", "notes.txt/a.png"],
-        ["submit", "run", "-o", "notes.txt/b.zip"],
+        ["results", "pack", "run", "-o", "notes.txt/b.zip"],
     ):
         capsys.readouterr()
         assert cli.main(words) == 2, words
@@ -354,10 +358,9 @@ def test_no_command_writes_over_a_file_of_another_kind(tmp_path, folder, monkeyp
         ["compare", "run", "run", "--junit"],
         ["figure", "rate", "run", "-o"],
         ["history", "run", "-o"],
-        ["submit", "run", "-o"],
+        ["results", "pack", "run", "-o"],
         ["results", "add", "run"],
-        ["reference", "update", "run", "-o"],
-        ["demand", "table-top", "-o"],
+        ["compare", "--update", "run", "-o"],
         ["render", "a.nbtf", "-o"],
         ["bake", "maps", "-o"],
     ):

@@ -161,10 +161,11 @@ def test_a_file_starts_nothing_that_the_user_did_not_allow(tmp_path, monkeypatch
 
 def test_verifying_an_archive_starts_nothing(tmp_path, capsys, monkeypatch):
     assert cli.main(["run", suite(tmp_path), "--out", str(tmp_path / "run")]) == 0
-    assert cli.main(["submit", str(tmp_path / "run"), "--codec", "command", "-o", str(tmp_path / "a.zip")]) == 0
+    words = ["results", "pack", str(tmp_path / "run"), "--codec", "command"]
+    assert cli.main([*words, "-o", str(tmp_path / "a.zip")]) == 0
     monkeypatch.delenv("NEUBTF_PERMIT")
     capsys.readouterr()
-    assert cli.main(["verify", str(tmp_path / "a.zip"), "--out", str(tmp_path / "verified")]) == 4
+    assert cli.main(["results", "verify", str(tmp_path / "a.zip"), "--out", str(tmp_path / "verified")]) == 4
     said = capsys.readouterr().out
     assert "set NEUBTF_PERMIT" in said
     assert "nothing was measured" in said

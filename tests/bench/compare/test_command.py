@@ -46,6 +46,9 @@ def test_what_is_not_comparable_fails_unless_it_is_allowed(make, capsys):
         (["{base}", "/no/such.jsonl"], "/no/such.jsonl: no such file"),
         (["{base}", "{base}", "--junit", "/proc/no/a.xml"], "/proc/no/a.xml: cannot be written"),
         (["{base}", "{base}", "--codec", "pcaa"], "pcaa"),
+        (["{base}"], "give NEW, the run to judge, or --update"),
+        (["{base}", "{base}", "--wide"], "only with --update"),
+        (["{base}", "{base}", "--update"], "--update: not with new"),
     ],
 )
 def test_bad_usage_is_one_line_and_2(runs, words, message, capsys):
@@ -55,7 +58,7 @@ def test_bad_usage_is_one_line_and_2(runs, words, message, capsys):
     assert error.count("\n") == 1
 
 
-@pytest.mark.parametrize("command", [["compare", "{0}", "{1}"], ["reference", "update", "{0}", "--out", "{0}/a.jsonl"]])
+@pytest.mark.parametrize("command", [["compare", "{0}", "{1}"], ["compare", "{0}", "--update", "--out", "{0}/a.jsonl"]])
 def test_comparing_imports_neither_pytorch_nor_pandas(runs, command):
     words = [word.format(*runs) for word in command]
     probe = f"from bench import cli; cli.main({words!r})\nimport sys, json; print(json.dumps(list(sys.modules)))"

@@ -103,7 +103,7 @@ def test_update_prints_what_losses_it_can_tell_from_chance(make, tmp_path, capsy
     jobs = [train(job, each) for each, values in psnrs.items() for job in make.seeds(values, material=each)]
     run = make.run("six", *jobs, text="seeds = [0, 1, 2]")
     path = tmp_path / "a.jsonl"
-    words = ["reference", "update", str(run.folder), "--out", str(path)]
+    words = ["compare", "--update", str(run.folder), "--out", str(path)]
     assert cli.main(words) == 2  # of a decibel and more on satin
     assert "satin/vq" in capsys.readouterr().err
     assert not path.exists()
@@ -118,14 +118,14 @@ def test_update_warns_of_seeds_with_test_pairs_of_their_own(make, tmp_path, caps
     out = str(tmp_path / "a.jsonl")
     for name, own in (("validation", False), ("test", True)):
         run = make.run(name, *(make.job(seed=seed, btf=str(seed * own)) for seed in range(3)))
-        assert cli.main(["reference", "update", str(run.folder), "--out", out]) == 0
+        assert cli.main(["compare", "--update", str(run.folder), "--out", out]) == 0
         assert ('split = "validation"' in capsys.readouterr().out) == own
 
 
 def test_a_reference_is_made_from_a_run_alone(run, tmp_path, capsys):
     path = tmp_path / "a.jsonl"
     written(run, path)
-    assert cli.main(["reference", "update", str(path), "--out", str(tmp_path / "b.jsonl")]) == 2
+    assert cli.main(["compare", "--update", str(path), "--out", str(tmp_path / "b.jsonl")]) == 2
     assert "a.jsonl: it is a reference, not a run" in capsys.readouterr().err
 
 
@@ -133,18 +133,18 @@ def test_a_damaged_reference_is_not_updated(run, tmp_path, capsys):
     path = tmp_path / "a.jsonl"
     written(run, path)
     path.write_text(damaged := path.read_text()[:-40])
-    assert cli.main(["reference", "update", str(run.folder), "--out", str(path)]) == 2
+    assert cli.main(["compare", "--update", str(run.folder), "--out", str(path)]) == 2
     assert "cannot be read" in capsys.readouterr().err
     assert path.read_text() == damaged
 
 
 def test_update_writes_the_file_and_prints_what_changed(make, run, tmp_path, capsys):
     path = tmp_path / "kept" / "ours.jsonl"
-    assert cli.main(["reference", "update", str(run.folder), "--out", str(path)]) == 0
+    assert cli.main(["compare", "--update", str(run.folder), "--out", str(path)]) == 0
     out = capsys.readouterr().out
     assert all(words in out for words in (f"wrote {path}: 8 jobs", "few seeds", "margin"))
     changed = make.run("changed", *make.seeds(PSNRS), *make.seeds([27.0] * 3, "pca"))
-    assert cli.main(["reference", "update", str(changed.folder), "--out", str(path)]) == 0
+    assert cli.main(["compare", "--update", str(changed.folder), "--out", str(path)]) == 0
     out = capsys.readouterr().out
     assert "PSNR 28.00 → 27.00 dB" in out
     assert "GONE" in out
@@ -162,7 +162,7 @@ def test_update_writes_the_file_and_prints_what_changed(make, run, tmp_path, cap
     ],
 )
 def test_bad_usage_is_one_line_and_2(run, tmp_path, words, message, capsys):
-    assert cli.main(["reference", "update", *(word.format(run=run.folder, tmp=tmp_path) for word in words)]) == 2
+    assert cli.main(["compare", "--update", *(word.format(run=run.folder, tmp=tmp_path) for word in words)]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1

@@ -121,7 +121,7 @@ def test_a_demand_is_read_as_it_was_written(tmp_path, capsys):
     with pytest.raises(InputError, match=r"c\.npz: .*claims 68,157,440 bytes"):
         demands.load(tmp_path / "c.npz")
     (tmp_path / "b.npz").write_bytes(b"PK")  # which stops a run before anything is written
-    assert cli.main(["run", "quick", "--demand", str(tmp_path / "b.npz"), "--out", str(tmp_path / "run")]) == 2
+    assert cli.main(["run", "quick", "--scene", str(tmp_path / "b.npz"), "--out", str(tmp_path / "run")]) == 2
     assert "b.npz: not a demand" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
@@ -226,16 +226,23 @@ def test_every_scene_that_ships_sees_its_material(name):
     assert summarise(demand).coverage > 0.1
 
 
-def test_the_command_writes_a_demand_and_draws_it(tmp_path, capsys):
-    out = tmp_path / "wall.npz"
-    assert cli.main(["demand", "wall", "--queries", "2000", "-o", str(out)]) == 0
+def test_encode_collects_the_demand_of_a_scene_writes_it_beside_and_draws_it(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("bench.cli.commands._scene.QUERIES", 2000)
+    words = ["encode", "satin", "--codec", "mean-colour", "-o", str(tmp_path / "a.nbtf")]
+    for setting in ("size=16", "views=6", "lights=6", "heldout=4"):
+        words += ["--set", f"data.{setting}"]
+    assert cli.main([*words, "--scene", "wall"]) == 0
     assert "light from the normal:" in capsys.readouterr().out
-    assert out.with_suffix(".png").stat().st_size > 10_000
-    for words, message in (
-        (["wal", "-o", str(out)], "did you mean 'wall'"),
-        (["wall", "-o", str(tmp_path / "a.txt")], "a.txt"),
-        (["wall", "-o", str(tmp_path / "no" / "a.npz")], "a.npz"),
-        (["wall", "--queries", "0", "-o", str(out)], "--queries"),
+    assert (tmp_path / "demand-wall.png").stat().st_size > 10_000
+    first = (tmp_path / "a.nbtf").read_bytes()
+    assert len(demands.load(tmp_path / "demand-wall.npz")) <= 2000
+    assert cli.main([*words, "--scene", str(tmp_path / "demand-wall.npz")]) == 0
+    assert (tmp_path / "a.nbtf").read_bytes() == first
+    capsys.readouterr()
+    for added, message in (
+        (["--scene", "wal"], "did you mean 'wall'"),
+        (["--scene", str(tmp_path / "a.toml")], "a.toml"),
+        (["--bsdf", "cloth"], "only for a Mitsuba --scene"),
     ):
-        assert cli.main(["demand", *words]) == 2
+        assert cli.main([*words, *added]) == 2
         assert message in capsys.readouterr().err

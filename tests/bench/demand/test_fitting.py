@@ -222,15 +222,15 @@ def test_encode_writes_the_scene_model_and_its_table(tmp_path, capsys):
     words = ["encode", "satin", "--codec", "pca", "-o", str(tmp_path / "out.nbtf")]
     for setting in ("components=8", "domain=rgb", "data.size=32", "data.views=9", "data.lights=9"):
         words += ["--set", setting]
-    assert cli.main([*words, "--demand", str(tmp_path / "near.npz")]) == 0
+    assert cli.main([*words, "--scene", str(tmp_path / "near.npz")]) == 0
     out = capsys.readouterr().out
     assert "outside" in out
     assert container.read_header(tmp_path / "out.nbtf").settings["scene"] is True
-    assert cli.main([*words, "--demand", str(tmp_path / "near.npz"), "--target-psnr", "99"]) == 1
+    assert cli.main([*words, "--scene", str(tmp_path / "near.npz"), "--target-psnr", "99"]) == 1
     assert "The target is not reached" in capsys.readouterr().out
     assert cli.main([*words, "--target-psnr", "30"]) == 2
-    assert "give its --demand" in capsys.readouterr().err
-    assert cli.main([*words, "--demand", str(tmp_path / "no.npz")]) == 2
+    assert "give its --scene" in capsys.readouterr().err
+    assert cli.main([*words, "--scene", str(tmp_path / "no.npz")]) == 2
     assert "not a demand" in capsys.readouterr().err
 
 

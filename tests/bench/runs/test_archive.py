@@ -27,7 +27,7 @@ def packed(tmp_path_factory):
         patch.setattr("bench.timing.TURNS", 3)
         (place / "small.toml").write_text(SUITE)
         assert cli.main(["run", str(place / "small.toml"), "--out", str(place / "run")]) == 0
-    assert cli.main(["submit", str(place / "run"), "-o", str(place / "mine.zip")]) == 0
+    assert cli.main(["results", "pack", str(place / "run"), "-o", str(place / "mine.zip")]) == 0
     return place
 
 
@@ -43,7 +43,7 @@ def altered(packed, path, change=lambda line: line, files=None):
 
 
 def verified(archive, tmp_path, capsys):
-    code = cli.main(["verify", str(archive), "--out", str(tmp_path / "verified")])
+    code = cli.main(["results", "verify", str(archive), "--out", str(tmp_path / "verified")])
     return code, capsys.readouterr().out
 
 
@@ -161,10 +161,10 @@ def test_a_material_is_opened_where_the_user_says(packed, tmp_path, capsys):
     archive = altered(packed, tmp_path / "a.zip", change)
     (tmp_path / "satin.txt").write_text("not an archive of a known BTF")
     options = ["--out", str(tmp_path / "out"), "--material", f"satin={tmp_path / 'satin.txt'}"]
-    assert cli.main(["verify", str(archive), *options]) == 4
+    assert cli.main(["results", "verify", str(archive), *options]) == 4
     assert "like no known BTF" in capsys.readouterr().out
     # Nothing was measured, so the folder is free for the corrected command.
-    assert cli.main(["verify", str(archive), *options[:2], "--material", "silk=/none"]) == 2
+    assert cli.main(["results", "verify", str(archive), *options[:2], "--material", "silk=/none"]) == 2
     assert "--material silk: the archive has no such material" in capsys.readouterr().err
 
 
@@ -192,7 +192,7 @@ def test_only_files_of_a_run_whose_hash_is_recorded_are_packed(packed, tmp_path,
         if line["kind"] == "job":
             line |= {"file": name} if name else {"fit_key": line["fit_key"] | {"shared": "../../secret"}}
     (tmp_path / "run" / FILE).write_text("".join(json.dumps(line) + "\n" for line in lines))
-    assert cli.main(["submit", str(tmp_path / "run"), "-o", str(tmp_path / "b.zip")]) == 2
+    assert cli.main(["results", "pack", str(tmp_path / "run"), "-o", str(tmp_path / "b.zip")]) == 2
     assert "run" in capsys.readouterr().err
     assert not (tmp_path / "b.zip").exists()
 
@@ -263,14 +263,14 @@ def test_a_foreign_name_is_refused_before_anything_is_unpacked(tmp_path, name):
 
 def test_what_is_no_archive_is_refused(tmp_path, capsys):
     (tmp_path / "a.zip").write_bytes(b"PK no")
-    assert cli.main(["verify", str(tmp_path / "a.zip"), "--out", str(tmp_path / "out")]) == 2
+    assert cli.main(["results", "verify", str(tmp_path / "a.zip"), "--out", str(tmp_path / "out")]) == 2
     assert "cannot be read" in capsys.readouterr().err
     for name, reason in (
         ("none.zip", "there is no such file: check the path"),
         ("folder", "it is a folder: give a file"),
     ):
         (tmp_path / "folder").mkdir(exist_ok=True)
-        assert cli.main(["verify", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2
+        assert cli.main(["results", "verify", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2
         assert f"{name}: {reason}" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 

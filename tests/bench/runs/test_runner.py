@@ -371,7 +371,7 @@ def test_a_run_is_judged_by_a_scene_and_fitted_to_it_where_a_codec_says_so(tmp_p
 
 def test_a_fit_to_a_scene_needs_its_demand(tmp_path):
     suite = replace(SUITE, codecs=(CodecSpec("pca", {"scene": True}),))
-    with pytest.raises(InputError, match="give it to `run` or `encode` with --demand"):
+    with pytest.raises(InputError, match="give it to `run` or `encode` with --scene"):
         outcomes(tmp_path, suite)
     with pytest.raises(InputError, match=r"none\.npz: there is no such file"):
         outcomes(tmp_path, replace(suite, demand=str(tmp_path / "none.npz")))

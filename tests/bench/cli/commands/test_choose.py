@@ -216,7 +216,7 @@ def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys)
     assert command.startswith("neubtf-bench encode satin --codec neubtf-direct ")
     assert " --set steps=20 " in command
     demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
-    in_scene = [*words, "--codec", "neubtf-direct", "--steps", "20", "--demand", str(tmp_path / "scene.npz")]
+    in_scene = [*words, "--codec", "neubtf-direct", "--steps", "20", "--scene", str(tmp_path / "scene.npz")]
     assert cli.main(in_scene) == 0
     said = capsys.readouterr().out
     assert "0 to fit and score" in said  # the same files are scored again

@@ -61,15 +61,14 @@ def test_a_fit_finds_a_highlight_and_lessens_the_noise():
 def test_the_command_adds_a_part_and_changes_no_answer(tmp_path, capsys):
     file, out = tmp_path / "a.nbtf", tmp_path / "b.nbtf"
     bench.encode(bench.open("satin", size=8, views=9, lights=9, heldout=4), "pca", file, components=2)
-    assert cli.main(["sampling", str(file), "--cells", "2", "-o", str(out)]) == 0
+    assert cli.main(["export", str(file), "--lobes", "-o", str(out)]) == 0
     assert "variance under a uniform environment" in capsys.readouterr().out
     before, after = container.read_header(file), container.read_header(out)
-    assert after.part_bytes()["sampling"] == 2 * 2 * 5 * 2
+    assert after.part_bytes()["sampling"] == 8 * 8 * 5 * 2
     assert {k: v for k, v in after.part_bytes().items() if k not in ("sampling", "header")} == {
         k: v for k, v in before.part_bytes().items() if k != "header"
     }
     uv, wo, wi = torch.rand(50, 2), directions(50, most=80), directions(50, 1, most=80)
     assert torch.equal(bench.load(file).query(uv, wo, wi), bench.load(out).query(uv, wo, wi))
-    assert cli.main(["sampling", str(file), "--cells", "0", "-o", str(out)]) == 2
     with pytest.raises(ContainerError, match="lobes"):
         checked({NAME: torch.zeros(2, 3, 5)})

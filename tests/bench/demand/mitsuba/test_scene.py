@@ -22,6 +22,7 @@ CAMERA = """
   <sampler type="independent"><integer name="sample_count" value="64"/></sampler>
 </sensor>
 """
+ENCODE = ["encode", "satin", "--codec", "mean-colour", "-o"]
 CLOTH = '<bsdf type="diffuse" id="cloth"><rgb name="reflectance" value="0.5,0.5,0.5"/></bsdf>'
 PLANE = """
 <shape type="rectangle">
@@ -154,7 +155,7 @@ def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch)
         pytest.skip("this machine has a CUDA device, which needs no LLVM")
     monkeypatch.setattr(llvm, "_trial_results", lambda choice: ("LLVM 15.0.6", ("kernels",), "Cannot select: fmaximum"))
     path = written(tmp_path, CAMERA, CLOTH, PLANE, LAMP)
-    assert cli.main(["demand", str(path), "--bsdf", "cloth", "-o", str(tmp_path / "a.npz")]) == 2
+    assert cli.main([*ENCODE, str(tmp_path / "a.nbtf"), "--scene", str(path), "--bsdf", "cloth"]) == 2
     assert "DRJIT_LIBLLVM_PATH" in capsys.readouterr().err
 
 
@@ -168,5 +169,5 @@ def test_the_command_says_what_it_lacks(tmp_path, capsys, monkeypatch):
         (["wall", "--bsdf", "a"], "Mitsuba scene"),
         ([path, "--bsdf", "a"], "needs Mitsuba 3"),
     ):
-        assert cli.main(["demand", *words, "-o", str(tmp_path / "a.npz")]) == 2
+        assert cli.main([*ENCODE, str(tmp_path / "a.nbtf"), "--scene", *words]) == 2
         assert message in capsys.readouterr().err

@@ -1,18 +1,9 @@
-"""decode and score every codec file of an archive here, and say which numbers agree
-
-Nothing in an archive is run or installed. A codec from elsewhere must be installed here first; otherwise its jobs are
-listed with version and hash, but not verified. Numbers that were measured here become a run, which `table`, `compare`
-and `results add` read; it has no numbers that are only claimed, such as the seconds of a fit. Measured data must be
-under NEUBTF_DATA, or where --material says.
-
-examples:
-  neubtf-bench verify mine.zip
-  neubtf-bench verify mine.zip --material carpet07.btf=data/carpet07.btf
-  neubtf-bench results add runs/mine docs/results/quick.jsonl
-"""
+"""Two actions of `results`: pack a run into an archive that others can verify, and verify such an archive."""
 
 import argparse
+import hashlib
 import os
+import shlex
 import tempfile
 from collections import Counter
 from pathlib import Path
@@ -21,19 +12,51 @@ from tabulate import tabulate
 
 from bench.cli.commands import assignments, say_line, several
 from bench.cli.console import Console
+from bench.compare.reference import published
 from bench.files.atomic import make_folder
 from bench.inputs.errors import FINE, NO, NOTHING, InputError, did_you_mean, visible
-from bench.records import FILE
-from bench.runs.archive import AGREES, DIFFERS, unpack, verify
+from bench.records import FILE, load_run
+from bench.runs.archive import AGREES, DIFFERS, jobs_with_results, pack, unpack, verify
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("archive", type=Path, help="an archive of `neubtf-bench submit`")
+def pack_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", type=Path, help="the folder of a run")
+    several(parser, "--codec", "only this codec; repeatable")
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="the .zip file to write")
+
+
+def pack_run(options: argparse.Namespace) -> int:
+    """Pack the archive, and print the text to send with it; returns the exit code."""
+    if options.out.suffix != ".zip":
+        raise InputError(f"--out {options.out}: the name must end in .zip")
+    run = jobs_with_results(load_run(options.run), options.codec)
+    pack(run, published(run), options.out)
+    say_line(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
+    # The text to send with it: what it holds, and how to check it.
+    with open(options.out, "rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    keys = {(job["codec"], job["fit_key"]["version"], job["fit_key"]["code"][:12]) for job in run.jobs}
+    materials = ", ".join(dict.fromkeys(job["material"] for job in run.jobs))
+    suites = ", ".join(dict.fromkeys(str(start.get("suite")) for start in run.starts))
+    lines = ["", "To hand it in, send it with this text:", ""]
+    lines += [f"Results for the board: {options.out.name}, {len(run.jobs)} jobs of the suite {suites}"]
+    lines += [f"sha256 {digest}", "", "Codecs:"]
+    lines += [f"- {name} version {version}, code {code}" for name, version, code in sorted(keys)]
+    lines += [f"Materials: {materials}", "", "Install the codec with: (command, or “comes with the suite”)"]
+    lines += [f"Verify with: neubtf-bench results verify {shlex.quote(options.out.name)}"]
+    lines += ["Paper and code of the codec: (links)"]
+    for line in lines:
+        say_line(line)
+    return FINE
+
+
+def verify_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("archive", type=Path, help="an archive of `results pack`")
     several(parser, "--material", "where the data of this material are here; repeatable", "NAME=PATH")
     parser.add_argument("--out", type=Path, help="the folder of the run to write (default: runs/NAME)")
 
 
-def run(options: argparse.Namespace) -> int:
+def verify_archive(options: argparse.Namespace) -> int:
     """Score the files of an archive here and print the verdicts.
 
     Returns `FINE`, `NO` if a number differs, or `NOTHING` if no job could be verified.
