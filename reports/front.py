@@ -10,11 +10,10 @@ gap. A *footprint* is the side of the square of texels that a pixel covers.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from math import inf, isinf, isnan, log2, nan
-from statistics import fmean, median
+from math import isinf, isnan, log2, nan
+from statistics import median
 from typing import Any, NamedTuple
 
-import numpy as np
 import pandas as pd
 
 from bench.compare.choosing import NEAR_DB
@@ -59,6 +58,7 @@ _WITHIN = (
     f"each surface is left out. Numbers are of test pairs; a slice counts at most {MOST_DB} dB."
 )
 _CHOICE = "A codec's rung is chosen by validation pairs, its numbers are of test pairs (docs/metrics.md, “Budgets”)."
+
 
 def front_table(run: Run) -> Iterator[Table]:
     """A row a line at 32 bits a texel: PSNR by kind of surface and over all, its lead over `AGAINST`, and its time."""
@@ -297,7 +297,9 @@ def when_table(run: Run) -> Iterator[Table]:
         row |= {"best": _named(first[1]), "then": _named(second[1]), "value": first[0], "next": second[0]}
         rows.append(row)
     columns = [Column("question", "", "question"), Column("best", "", "best"), Column("then", "", "then")]
-    columns += [Column(name, "", field, write=_with_unit(field)) for name, field in (("best", "value"), ("then", "next"))]
+    columns += [
+        Column(name, "", field, write=_with_unit(field)) for name, field in (("best", "value"), ("then", "next"))
+    ]
     if rows:
         yield written("when", "Which codec when", pd.DataFrame(rows), columns, [_WITHIN], words=3)
 
@@ -353,6 +355,8 @@ def _questions(rungs: Rungs) -> Iterator[_Question]:
 
 def mean_ranks(rungs: Rungs) -> Ranks | None:
     """The mean ranks of lines within `ENOUGH`; None for fewer than two lines or three surfaces."""
+    if not rungs.surfaces:
+        return None
     reached = rungs.reached(ENOUGH, list(rungs.surfaces))
     return ranks(dict(zip(reached.index, reached.to_numpy().tolist(), strict=True)))
 
@@ -389,8 +393,12 @@ def curves_tables(run: Run) -> Iterator[Table]:
     with_rows = [found for found in made if len(found[1])]
     if with_rows:  # notes on all of them stand once, below the last
         notes = with_rows[-1][-1]
-        reach = f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
-        notes.append(f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {_CAP}")
+        reach = (
+            f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
+        )
+        notes.append(
+            f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {_CAP}"
+        )
         if rungs.unlike:
             notes.append(f"Left out: {len(rungs.unlike)} jobs that are not comparable.")
     for title, values, columns, notes in with_rows:
@@ -458,14 +466,20 @@ def _three_metrics(rungs: Rungs) -> _Parts:
     """
     values = pd.DataFrame({each.field: mean_over(rungs.read(ENOUGH.most, each.field)) for each in _METRICS}).dropna()
     for metric in _METRICS:
-        places = values[metric.field].rank(ascending=metric.field == "flip", method="first")
-        values[f"{metric.field} place"] = [f" ({place:.0f})" for place in places]
+        values[f"{metric.field} place"] = values[metric.field].rank(ascending=metric.field == "flip", method="first")
     values = values.sort_values("psnr", ascending=False, kind="stable")
-    columns = []
-    for metric, unit, digits in zip(_METRICS, ("dB ↑", "↑", "↓"), (1, 3, 3), strict=True):
-        columns.append(metric._replace(unit=unit, digits=digits, better="none", after=(f"{metric.field} place", "")))
+    columns = [
+        Column("PSNR", "dB ↑", "psnr", better="none", write=_with_place("psnr", 1)),
+        Column("SSIM", "↑", "ssim", better="none", write=_with_place("ssim", 3)),
+        Column("FLIP", "↓", "flip", better="none", write=_with_place("flip", 3)),
+    ]
     where = f"at {ENOUGH.most} bits a texel on {len(rungs.surfaces)} surfaces"
     return f"Curves {where}: three metrics, and the place by each", values, columns, []
+
+
+def _with_place(field: str, digits: int) -> Callable[[Row], str]:
+    """A function that writes a number of the field with the place by it."""
+    return lambda row: f"{fixed(row[field], digits)} ({row[f'{field} place']:.0f})"
 
 
 def _footprints(rungs: Rungs) -> _Parts:

@@ -172,13 +172,15 @@ class Rungs:
         fitting = rungs[common & (rungs[cost] <= budget.most)]
         best = fitting.sort_values(["validation", *ties], ascending=[False, *(True for _ in ties)], kind="stable")
         best = best.drop_duplicates(["line", "material"]).sort_index()
+        if best.empty:
+            return pd.DataFrame(columns=list(surfaces), dtype=int)
         table = pd.Series(best.index, index=pd.MultiIndex.from_frame(best[["line", "material"]]), dtype=float).unstack()
         lines = [line for line in best["line"].unique() if table.loc[line].notna().sum() == len(surfaces)]
         return table.reindex(index=lines, columns=surfaces).astype(int)
 
     def of_picks(self, picks: pd.DataFrame, score: str = "psnr") -> pd.DataFrame:
         """A column of the rungs that `picks` names, by line and surface."""
-        return picks.apply(lambda rungs: self.frame[score].to_numpy()[rungs])
+        return pd.DataFrame(self.frame[score].to_numpy()[picks.to_numpy(int)], picks.index, picks.columns)
 
     def reached(self, budget: Budget, surfaces: Sequence[str], score: str = "psnr") -> pd.DataFrame:
         """What lines reach within a budget, by line and surface, of those that reach something on each.
@@ -190,7 +192,9 @@ class Rungs:
         if budget.kind != BYTES:  # no curve leads from one time to another
             return found
         read = self.read(budget.most, score, to_end=True)[[*surfaces]].dropna()
-        return pd.concat([found[~found.index.isin(read.index)], read]).reindex(found.index.union(read.index, sort=False))
+        return pd.concat([found[~found.index.isin(read.index)], read]).reindex(
+            found.index.union(read.index, sort=False)
+        )
 
     def ranked(self, budget: Budget, surfaces: Sequence[str], score: str = "psnr") -> pd.Series:
         """By line: the mean over surfaces of what it reaches within a budget, the best first."""
@@ -307,11 +311,15 @@ def rungs_of(run: Run) -> Rungs:
     done = [job for job in run.jobs if job["status"] == "ok" and not fitted_to_scene(job)]
     scored = {job["job"]: job for job in done if has_validation(job)}
     without = [job for job in done if job["job"] not in scored]
+    if not scored:
+        names = ["line", "label", "setting", "material", "job", "bits", *_COSTS, *_SCORES, "seeds"]
+        return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, {}, without, [])
     frame = frame_of(replace(run, jobs=Records(scored)))
     jobs = frame[frame["why"] == ""]
     unlike = [scored[name] for name in frame.loc[frame["why"] != "", "job"]]
 
     values = jobs[["line", "label", "material", "surface", "setting", "job", "height", "width", "stale"]].copy()
+    values.attrs = {}  # they have units of every column of records, and pandas copies them again and again
     values["validation"] = _score(jobs, "validation", PSNR, "mean")
     for name, (family, statistic) in _TEST.items():
         values[name] = _score(jobs, "heldout", family, statistic)

@@ -16,7 +16,7 @@ from bench.compare.choosing.curves import hulls
 from bench.compare.choosing.within import reached
 from reports import columns
 from reports.board.sources import STATES, Publication
-from reports.budgets import in_words
+from reports.front import in_words
 from reports.numbers import EXACT, NONE, fixed, integer, signed
 from reports.rows import MaterialRows, Row
 from reports.table import Table

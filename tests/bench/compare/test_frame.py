@@ -11,7 +11,7 @@ from bench.compare.frame import frame_of
 from bench.records import TRADE, append, load_run, load_together
 from bench.records.lines import TRADE_FORMAT
 from bench.records.schema import setting_name
-from reports.budgets import front_table
+from reports.front import front_table
 from reports.numbers import fixed, signed, significant
 from reports.tables import all_tables
 
