@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 import bench
-from bench.cli import commands, guard
+from bench.cli import commands
 from bench.inputs.errors import (
     FAILED,
     FINE,
@@ -45,26 +45,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.inputs.errors`.
 
     Without arguments it is the program itself, whose words are those of the shell. If a codec then left threads
-    running, the process ends without waiting for them. See `bench.cli.guard` for codecs that end it. A character that
-    the terminal's encoding lacks is printed as `?`.
+    running, the process ends without waiting for them. A character that the terminal's encoding
+    lacks is printed as `?`.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):  # stderr replaces such characters by itself
         sys.stdout.reconfigure(errors="replace")
     words = list(sys.argv[1:] if argv is None else argv)
-    if argv is None and guard.guarded(words):
-        return guard.run(words)
-    try:
-        code = _run(words)
-    except SystemExit as end:  # of argparse, or of rich where nobody reads the output any more
-        if argv is None:
-            # As Python itself does: no code means 0, and a text means 1.
-            if isinstance(end.code, int):
-                guard.report(end.code)
-            else:
-                guard.report(0 if end.code is None else 1)
-        raise
-    if argv is None:
-        guard.report(code)
+    code = _run(words)
     running = _threads_left() if argv is None else []
     if running:
         print(f"neubtf-bench: a codec left {', '.join(running)} running; they are ended", file=sys.stderr)

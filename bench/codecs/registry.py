@@ -1,7 +1,6 @@
 """Finds codecs by entry point, `neubtf_bench.codecs`: name → "module:Class". Listing them imports none of them.
 
-Importing a codec imports PyTorch, which takes seconds. So docstrings and versions are read from the source. A codec of
-another distribution is external: it may crash Python, so it is first tried in a process of its own.
+Importing a codec imports PyTorch, which takes seconds. So docstrings and versions are read from the source.
 """
 
 import ast
@@ -13,7 +12,6 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.codecs import outside_codecs
 from bench.inputs import plugins
 from bench.inputs.errors import CodecError, InputError, did_you_mean, said_by
 
@@ -33,28 +31,18 @@ def codec_entries() -> dict[str, EntryPoint]:
 
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
     """Import the class of a codec. `InputError` if no codec has the name, or if its class has another name."""
-    entry = _entry(name, wanted_by)
-    outside_codecs.check(entry, codec_in_words(entry), _made_in_child)
-    return _imported_class(entry, wanted_by)
+    return _imported_class(_entry(name, wanted_by), wanted_by)
 
 
 def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
     """Make a codec with some settings. `InputError` if they are invalid, `CodecError` if the codec fails."""
     entry = _entry(name)
-    outside_codecs.check(entry, codec_in_words(entry), _made_in_child, settings)
     try:
         return _imported_class(entry)(**settings)
     except InputError:
         raise
     except (Exception, SystemExit) as error:
         raise CodecError(f"{codec_in_words(entry)} fails with the settings {settings}: {said_by(error)}") from error
-
-
-def _made_in_child(name: str, settings: dict[str, Any] | None) -> object:
-    """Make a codec, or only import it without settings; the process that tries an external codec calls this."""
-    if settings is None:
-        return load_codec(name)
-    return make_codec(name, settings)
 
 
 def _entry(name: str, wanted_by: str = "") -> EntryPoint:
@@ -128,9 +116,10 @@ def describe(entry: EntryPoint) -> str:
 
 
 def listed(entry: EntryPoint) -> str:
-    """`describe`, or what fails when the codec is loaded: an external one is tried, in a process of its own."""
+    """`describe`, or why the codec cannot be used: one of another distribution is imported to tell."""
     try:
-        outside_codecs.check(entry, codec_in_words(entry), _made_in_child)
+        if plugins.is_outside(entry):
+            _imported_class(entry)
         return describe(entry)
     except Exception as error:  # any exception of a foreign codec is its failure
         return f"FAILS: {' '.join(str(error).split())}"

@@ -5,9 +5,8 @@ encoded, its bytes, its errors, or why it failed), `timing` (one codec timed in 
 and `stress` (one extreme tried on one codec or metric). Paths in records are relative to the run's folder. Imports
 neither PyTorch nor pandas.
 
-A line begins with a checksum of the rest, its kind, and, for jobs and timings, the job's name. So cut or altered lines
-are detected, and a large run is opened, without parsing its lines; each line is parsed on demand. A line without a
-checksum, written by hand, is valid too.
+A line begins with a checksum of the rest, so that cut or altered lines are detected, its kind, and, for jobs and
+timings, the job's name. A line without a checksum, written by hand, is valid too.
 """
 
 import json
@@ -16,11 +15,10 @@ import os
 import re
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast, overload
+from typing import Any, TypeVar, cast, overload
 
 from bench.inputs.errors import InputError, writable
 from bench.records import fields
@@ -36,9 +34,6 @@ TRADE_FORMAT = 1
 STRESS = "stress"  # the folder that `neubtf-bench stress` writes to, beside those of runs
 
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
-_NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": ("(?:[^"\\]|\\.)*")[,}]')
-
-_NO_RECORD: Record = RunStart()  # empty
 
 _LONGEST_LINE = 16 << 20  # bytes; a record has a few thousand
 
@@ -68,45 +63,30 @@ def append(folder: Path, record: Record) -> None:
             raise
 
 
-class Line(NamedTuple):
-    """A line of a file of records."""
-
-    path: Path
-    number: int  # from 1
-    text: bytes  # of the line
-
-
 class Records(Sequence[Found]):
     """Records of one kind: the latest of each name, in the order in which the names were planned or appeared."""
 
-    def __init__(self, by_name: "Mapping[Any, Found | Line] | None" = None) -> None:
-        self._by_name: dict[object, Found | Line] = dict(by_name or {})
+    def __init__(self, by_name: Mapping[Any, Found] | None = None) -> None:
+        self._by_name: dict[object, Found] = dict(by_name or {})
 
-    def put(self, name: object, record: "Found | Line") -> None:
-        """Add a record, or its line, which is parsed on demand."""
+    def put(self, name: object, record: Found) -> None:
+        """Add a record; it replaces an earlier one of that name."""
         self._by_name[name] = record
 
     def arrange(self, names: Iterable[object]) -> None:
         """Sort the records into this order; those it does not name follow."""
         ordered = {name: self._by_name[name] for name in names if name in self._by_name}
-        self._by_name = ordered | {name: record for name, record in self._by_name.items() if name not in ordered}
+        self._by_name = ordered | self._by_name
 
     def latest(self, name: object) -> Found | None:
         """The latest record of a name, or None."""
-        record = self._by_name.get(name)
-        if isinstance(record, Line):
-            record = self._by_name[name] = cast(Found, _record_of(record))
-        return record
-
-    def _record(self, name: object) -> Found:
-        """The latest record of a name that is known; empty if its line holds no record."""
-        return self.latest(name) or cast(Found, {})
+        return self._by_name.get(name)
 
     def __len__(self) -> int:
         return len(self._by_name)
 
     def __iter__(self) -> Iterator[Found]:
-        return map(self._record, self._by_name)
+        return iter(self._by_name.values())
 
     @overload
     def __getitem__(self, index: int) -> Found: ...
@@ -114,10 +94,7 @@ class Records(Sequence[Found]):
     def __getitem__(self, index: slice) -> list[Found]: ...
     def __getitem__(self, index: int | slice) -> Found | list[Found]:
         """A record by its number, or a list of records by a slice."""
-        names = list(self._by_name)[index]
-        if isinstance(names, list):
-            return list(map(self._record, names))
-        return self._record(names)
+        return list(self._by_name.values())[index]
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +143,7 @@ def load_run(folder: str | Path) -> Run:
     """Read the records of a run, given its folder or a file of records, `.jsonl`.
 
     Raises `InputError` if the file is missing or cannot be read, and for a wrong field, which it names with file and
-    line: immediately or, for a line with a checksum, when that record is used. Lines that are not records (cut,
-    altered, of another kind) are listed by number in `unreadable`.
+    line. Lines that are not records (cut, altered, of another kind) are listed by number in `unreadable`.
     """
     path = Path(folder) if str(folder).endswith(".jsonl") else Path(folder) / FILE
     if not path.is_file():
@@ -179,7 +155,7 @@ def load_run(folder: str | Path) -> Run:
         with open(path, "rb") as file:
             # Line by line up to the end, where `readline` gives b"".
             for number, text in enumerate(iter(lambda: file.readline(_LONGEST_LINE), b""), 1):
-                if text.strip() and not _add_line(run, Line(path, number, text)):
+                if text.strip() and not _add_line(run, text, f"{path}, line {number}"):
                     run.unreadable.append(number)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
@@ -311,51 +287,34 @@ def load_trade(folder: Path) -> Trade | None:
     return trade | {"choices": choices, "profiles": profiles}
 
 
-def _add_line(run: Run, line: Line) -> bool:
-    """Add the record of a line to the run; return False if the line is not a record."""
-    text = line.text
+def _add_line(run: Run, text: bytes, place: str) -> bool:
+    """Add the record of a line to the run; return False if the line is not a record.
+
+    `InputError` for a wrong field, which it names with the line's `place`, its file and number.
+    """
     sealed = _SEALED.match(text)
     if sealed and int(sealed[1], 16) != zlib.crc32(text[sealed.end() :].rstrip(b"\n")):
         return False
-    # The checksum is right, so a job or a timing is known by its name alone, and its line is parsed when it is used.
-    named = _NAMED.match(text) if sealed else None
-    if named:
-        with suppress(ValueError):  # not a name
-            name = str(json.loads(named[2]))
-            if named[1] == b"job":
-                run.jobs.put(name, line)
-            else:
-                run.timings.put(name, line)
-            return True
-    record = _record_of(line)
-    match record.get("kind"):
-        case "run":
-            run.starts.append(cast(RunStart, record))
-        case "stress":
-            extreme = cast(Stress, record)
-            run.stress.put((extreme["subject"], extreme["extreme"]), extreme)
-        case "job":
-            job = cast(Job, record)
-            run.jobs.put(job["job"], job)
-        case "timing":
-            timing = cast(Timing, record)
-            run.timings.put(timing["job"], timing)
-    return bool(record)
-
-
-def _record_of(line: Line) -> Record:
-    """The record of a line, without its checksum; empty if its kind is unknown. `InputError` names a wrong field."""
     try:
-        record = json.loads(line.text)
+        record = json.loads(text)
     except (ValueError, RecursionError):
-        return _NO_RECORD
+        return False
     if not isinstance(record, dict) or not isinstance(record.get("kind"), str):
-        return _NO_RECORD
+        return False
     record.pop("crc32", None)
     kind = record["kind"]
     if kind not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
-        return _NO_RECORD
+        return False
     fault = fields.fault(record)
     if fault:
-        raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")
-    return cast(Record, record)
+        raise InputError(f"{place}: {fault}: mend the line or remove it")
+    match kind:
+        case "run":
+            run.starts.append(cast(RunStart, record))
+        case "stress":
+            run.stress.put((record["subject"], record["extreme"]), cast(Stress, record))
+        case "job":
+            run.jobs.put(record["job"], cast(Job, record))
+        case "timing":
+            run.timings.put(record["job"], cast(Timing, record))
+    return True

@@ -22,7 +22,6 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
-from bench.codecs.outside_codecs import EXPENDABLE, ending
 from bench.inputs.errors import InputError, installed
 from bench.machine.devices import is_gpu
 from bench.machine.threads import handling
@@ -252,7 +251,10 @@ def _ending_in_words(worker: BaseProcess | None) -> str:
     if worker is None:
         return "it could not be started"
     worker.join(1.0)  # seconds: it has ended already, and is collected so that its exit code is known
-    return ending(worker.exitcode)
+    code = worker.exitcode  # a negative one is the number of a signal
+    if code is None or code >= 0:
+        return f"exit code {code}"
+    return f"killed by {signal.Signals(-code).name}"
 
 
 def tell(label: str, done: int, total: int) -> None:
@@ -293,7 +295,6 @@ def _prepare_worker(threads: int, gpu: dict[str, str], leash: Connection, told: 
     process its GPU, by name and value; empty without a GPU.
     """
     os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)) | gpu)
-    os.environ[EXPENDABLE] = "1"  # codecs of other distributions are imported here without a trial
     _told.append(told)
 
     def end_with_parent() -> None:

@@ -1,8 +1,5 @@
 import json
-import os
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -19,7 +16,6 @@ from bench.directions.hemisphere import from_degrees
 from bench.inputs.errors import ContainerError, InputError
 from bench.records import load_run
 from tests.bench.demand.scenes import SUN, camera, demand_of, surface
-from tests.bench.outside import install
 
 PAGE = Path(__file__).parents[2] / "docs" / "api.md"
 
@@ -43,20 +39,6 @@ def test_the_example_of_the_page_runs_and_has_ten_lines(capsys):
     assert names["rgb"].shape == (1, 3)
     assert isinstance(names["rgb"], np.ndarray)
     assert "(32, 32) 101" in capsys.readouterr().out
-
-
-@pytest.mark.long
-def test_a_plain_script_with_a_codec_from_outside_runs_once(tmp_path):
-    """Without a guard of `__main__`: what tries the codec in another process must not run the script again there."""
-    text = "from baselines.pca import PCA\n\nclass Mine(PCA):\n    name = 'mine'\n"
-    site = install(tmp_path / "site", "mine", {"mine": "mine:Mine"}, {"mine": text})
-    example = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)[0]
-    (tmp_path / "script.py").write_text(example.replace('"pca"', '"mine"'))
-    path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
-    command, environment = [sys.executable, "script.py"], os.environ | {"PYTHONPATH": path}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("(32, 32) 101") == 1
 
 
 def test_a_file_of_a_run_scores_what_its_record_says(tmp_path, folder):

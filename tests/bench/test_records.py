@@ -86,19 +86,6 @@ def test_a_folder_of_files_of_records_is_read_as_one_run(tmp_path):
     assert [start["run"] for start in lines.load_together([tmp_path]).starts] == ["a", "b"]
 
 
-def test_opening_a_run_reads_into_no_job(tmp_path, monkeypatch):
-    for name in ("x", "y"):
-        append(tmp_path, job(name))
-        append(tmp_path, timing(name, 1.5))
-    parsed = []
-    parse = lines._record_of
-    monkeypatch.setattr(lines, "_record_of", lambda line: parsed.append(line) or parse(line))
-    run = load_run(tmp_path)
-    assert parsed == []
-    assert run.timing(run.jobs[1]) == timing("y", 1.5)
-    assert len(parsed) == 2
-
-
 def test_a_disk_that_fills_up_while_a_record_is_written_keeps_what_was_there(tmp_path, monkeypatch):
     append(tmp_path, job("x"))
     before, write = (tmp_path / FILE).read_bytes(), os.write

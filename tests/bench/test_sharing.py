@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from bench import cli
-from bench.codecs import outside_codecs
 from tests.bench.outside import install
 
 ROOT = Path(__file__).parents[2]
@@ -26,7 +25,6 @@ def test_a_codec_of_one_s_own_stands_beside_the_published_records(tmp_path, monk
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("bench.timing.TURNS", 3)
-    outside_codecs._error_in_child.cache_clear()
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(tmp_path)
     assert cli.main(run) == 0

@@ -23,7 +23,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the listings, or the settings of one codec; returns the exit code."""
     from bench import metrics
-    from bench.cli.console import Console
     from bench.codecs import registry
     from bench.data import materials, readers
     from bench.runs import suite
@@ -32,17 +31,7 @@ def run(options: argparse.Namespace) -> int:
     if options.name:  # one codec in full
         write_json(_settings(options.what, options.name))
         return FINE
-    codecs = {}
-    with Console() as console:
-        entries = sorted(registry.codec_entries().items())
-        outside = [name for name, _ in entries if registry.from_outside(name)]
-        for name, entry in entries:
-            # Each is tried in a process of its own, which imports PyTorch and so takes a while.
-            if name in outside:
-                console.show("trying codecs of other packages", outside.index(name), len(outside))
-            codecs[name] = registry.listed(entry)
-        if outside:
-            console.show("trying codecs of other packages", len(outside), len(outside))
+    codecs = {name: registry.listed(entry) for name, entry in sorted(registry.codec_entries().items())}
     listings: dict[str, dict[str, str]] = {
         "codecs": codecs,
         "materials": materials.describe(),

@@ -160,7 +160,13 @@ def judge(case: Case, subject: Subject) -> CaseVerdict:
         """The test of the case, if it applies to the codec."""
         unreal = case.unphysical and subject.tested.codec.physical
         applicable(not unreal, "models reflectance: no surface looks like this")
-        return case.test(subject)
+        try:
+            return case.test(subject)
+        except CheckError as error:
+            if not case.unphysical:
+                raise
+            remedy = "a codec that models reflectance says `physical = True`"
+            raise CheckError(f"{error}; {remedy}", error.figure) from None
 
     with torch_threads(1):
         return verdict_of(test, NotApplicable, partial(error_in_words, codec=subject.tested.codec))

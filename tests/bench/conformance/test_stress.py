@@ -14,7 +14,7 @@ from bench.conformance.verdicts import stress_reference
 from bench.inputs.errors import InputError
 from bench.records import load_run
 from bench.training.fitting import DivergedError
-from tests.bench.conformance.test_broken_codecs import Rate, verdict, with_material
+from tests.bench.conformance.test_broken_codecs import BROKEN, Rate, verdict, with_material
 
 
 def test_what_no_surface_looks_like_is_not_asked_of_a_model_of_reflectance(tmp_path, monkeypatch):
@@ -23,6 +23,12 @@ def test_what_no_surface_looks_like_is_not_asked_of_a_model_of_reflectance(tmp_p
     for name in unphysical:
         assert verdict(physical, name, tmp_path, monkeypatch).verdict == "n/a"
     assert verdict(physical, "all zero", tmp_path, monkeypatch).verdict == "pass"
+
+
+def test_a_codec_that_fails_there_is_told_how_to_say_that_it_is_one(tmp_path, monkeypatch):
+    broken, _ = BROKEN["two constants"]
+    outcome = verdict(broken, "two constants", tmp_path, monkeypatch)
+    assert "a codec that models reflectance says `physical = True`" in outcome.detail
 
 
 @pytest.mark.parametrize("name", ["fp16, all of the above", "fp16 against fp64"])
