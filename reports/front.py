@@ -185,8 +185,9 @@ def _of_surfaces(
             if best < best_so_far:
                 outdone, better = True, ""
             best_so_far = max(best, best_so_far)
-        marks = {"before": ("≥", f"{name} bound"), "after": ("*", f"{name} apart")}
-        columns.append(Column(*_header(budget, shapes), name, better=better, **marks))
+        above, below = _header(budget, shapes)
+        marks = ("≥", f"{name} bound"), ("*", f"{name} apart")
+        columns.append(Column(above, below, name, better=better, before=marks[0], after=marks[1]))
     # The best first at a size that most codecs reach; ties by the sizes next to it, half of it as near as twice.
     sizes = [budget for budget in readings if budget.kind == BYTES]
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
@@ -238,7 +239,8 @@ def rung_tables(run: Run) -> Iterator[Table]:
     for material in surfaces:
         picked: dict[str, dict[int, list[Budget]]] = {}  # by line and number of a rung: the budgets that choose it
         for budget in rungs.limits:
-            for line, rung in rungs.picks(budget, [material])[material].items():
+            best: dict[Any, int] = rungs.picks(budget, [material])[material].to_dict()
+            for line, rung in best.items():
                 picked.setdefault(line, {}).setdefault(rung, []).append(budget)
         chosen = {rung: _span(limits) for of_line in picked.values() for rung, limits in of_line.items()}
         values = rungs.frame.loc[list(chosen)].rename(columns={"line": "codec"})
@@ -248,22 +250,23 @@ def rung_tables(run: Run) -> Iterator[Table]:
         yield written("rungs", title, values, columns, notes, words=3, material=material)
 
 
-def _mean_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[dict[str, Any]]:
+def _mean_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
     """Rows of the table of means over the materials: line, budgets, and a mean for each column.
 
     Budgets at which a line has the same numbers share a row, because mostly the same rungs were chosen.
     """
     # By line, and by the numbers as they read: the means, and the budgets that have them.
-    found: dict[str, dict[tuple[float | None, ...], tuple[dict[str, float], list[Budget]]]] = {}
+    found: dict[str, dict[tuple[float | None, ...], tuple[Row, list[Budget]]]] = {}
     for budget in rungs.limits:
         picks = rungs.picks(budget, list(rungs.surfaces))
         means = pd.DataFrame({column.field: mean_over(rungs.of_picks(picks, column.field)) for column in columns})
-        for line, row in means.to_dict("index").items():
+        by_line: Any = means.to_dict("index")
+        for line, row in by_line.items():
             read = tuple(None if isnan(row[column.field]) else column.rounded(row[column.field]) for column in columns)
             found.setdefault(line, {}).setdefault(read, (row, []))[1].append(budget)
     for line, of_line in found.items():
         for row, limits in of_line.values():
-            yield {"codec": line, "budgets": _span(limits), **row}
+            yield {**row, "codec": line, "budgets": _span(limits)}
 
 
 def _span(limits: list[Budget]) -> str:
@@ -288,12 +291,13 @@ def when_table(run: Run) -> Iterator[Table]:
     rows = []
     for question, means, metric in _questions(rungs_of(run)):
         lines: dict[float, list[str]] = {}  # by number as it reads: lines with the same are equally good
-        for line, value in means.items():
+        by_line: dict[Any, float] = means.to_dict()
+        for line, value in by_line.items():
             lines.setdefault(metric.rounded(value), []).append(line)
         if not lines:  # no line reaches that budget on each surface
             continue
         first, second, *_ = [*lines.items(), (nan, [NONE])]  # there may be no next best
-        row = {"question": question, "metric": metric}
+        row: dict[str, Any] = {"question": question, "metric": metric}
         row |= {"best": _named(first[1]), "then": _named(second[1]), "value": first[0], "next": second[0]}
         rows.append(row)
     columns = [Column("question", "", "question"), Column("best", "", "best"), Column("then", "", "then")]

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import fmean
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -63,6 +63,11 @@ class Hull(NamedTuple):
 
     sizes: list[float]
     rungs: list[int]
+
+    @property
+    def once(self) -> list[int]:
+        """Its rungs, each once."""
+        return list(dict.fromkeys(self.rungs))
 
 
 class Summary(NamedTuple):
@@ -122,7 +127,8 @@ class Rungs:
         found: dict[str, dict[str, Hull]] = {}
         sizes = np.log2(self.frame["bits"]).tolist()
         scores = self.frame["validation"].tolist()
-        for (line, surface), rungs in self.frame.groupby(["line", "material"], sort=False).indices.items():
+        by_curve: dict[Any, Any] = self.frame.groupby(["line", "material"], sort=False).indices
+        for (line, surface), rungs in by_curve.items():
             if len(rungs) < LEAST_RUNGS or surface not in self.surfaces:
                 continue
             picked = [int(rungs[i]) for i in upper_hull([sizes[i] for i in rungs], [scores[i] for i in rungs])]
@@ -134,6 +140,11 @@ class Rungs:
             if len(hull.sizes) > 1:  # a single point is no curve
                 found.setdefault(line, {})[surface] = hull
         return found
+
+    @cached_property
+    def _seeds(self) -> list[list[float]]:
+        """The PSNR of each seed, by number of a rung."""
+        return self.frame["seeds"].tolist()
 
     @cached_property
     def _columns(self) -> dict[str, list[float]]:
@@ -176,7 +187,7 @@ class Rungs:
             return pd.DataFrame(columns=list(surfaces), dtype=int)
         table = pd.Series(best.index, index=pd.MultiIndex.from_frame(best[["line", "material"]]), dtype=float).unstack()
         lines = [line for line in best["line"].unique() if table.loc[line].notna().sum() == len(surfaces)]
-        return table.reindex(index=lines, columns=surfaces).astype(int)
+        return table.reindex(index=lines, columns=list(surfaces)).astype(int)
 
     def of_picks(self, picks: pd.DataFrame, score: str = "psnr") -> pd.DataFrame:
         """A column of the rungs that `picks` names, by line and surface."""
@@ -251,27 +262,28 @@ class Rungs:
         """By surface: the BD-PSNR of `gaps`, then the same for `DRAWS` draws of the seeds of both lines."""
         found: dict[str, list[float]] = {}
         rng = np.random.default_rng(0)
-        seeds = self.frame["seeds"].tolist()
         gaps = self.gaps.loc[line].dropna()
         for surface in sorted(gaps.index):
-            pair = self.hulls[line][surface], self.hulls[AGAINST][surface]
             found[surface] = [gaps[surface]] * (1 + DRAWS)  # with one seed there is nothing to draw
-            if any(len(seeds[rung]) > 1 for hull in pair for rung in hull.rungs):
-                for draw in range(DRAWS):
-                    found[surface][1 + draw] = bd_psnr(*[_drawn(hull, seeds, rng) for hull in pair])
+            ours, theirs = self.hulls[line][surface], self.hulls[AGAINST][surface]
+            seeds = [self._seeds[rung] for hull in (ours, theirs) for rung in hull.once]
+            if any(len(own) > 1 for own in seeds):
+                found[surface][1:] = (_drawn(seeds, rng) @ _weights(ours, theirs)).tolist()
         return found
 
     def _gaps_of_rungs(self, line: str) -> dict[str, list[float]]:
         """As `gaps`, of a line without curves: the mean gap of its rungs to the curve of `AGAINST`, at their bytes."""
         found: dict[str, list[float]] = {}
         rungs = self.frame[self.frame["line"] == line]
+        sizes = np.log2(rungs["bits"])
         for surface, hull in sorted(self.hulls.get(AGAINST, {}).items()):
             curve = self.curve(hull)
+            own = rungs["material"] == surface
             gaps = []
-            for rung in rungs[rungs["material"] == surface].itertuples():
-                theirs = at(curve, float(np.log2(rung.bits))) if curve else None
-                if theirs is not None and not np.isnan(rung.psnr):
-                    gaps.append(rung.psnr - theirs)
+            for size, psnr in zip(sizes[own].tolist(), rungs.loc[own, "psnr"].tolist(), strict=True):
+                theirs = at(curve, size) if curve else None
+                if theirs is not None and not np.isnan(psnr):
+                    gaps.append(psnr - theirs)
             if gaps:
                 found[surface] = [fmean(gaps)] * (1 + DRAWS)
         return found
@@ -286,18 +298,29 @@ def summarised(gaps: Mapping[str, Sequence[float]]) -> Summary:
     return Summary(float(measured.mean()), float(np.median(measured)), won, len(values), low, high)
 
 
-def _drawn(hull: Hull, seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> Curve:
-    """The curve of a hull with seeds of each rung drawn with replacement; its level end is no draw of its own."""
-    values: list[float] = []
-    for place, rung in enumerate(hull.rungs):
-        own = seeds[rung]
-        if place and rung == hull.rungs[place - 1]:
-            values.append(values[-1])
-        elif len(own) > 1:
-            values.append(fmean(own[seed] for seed in rng.integers(0, len(own), len(own))))
-        else:
-            values.append(own[0])
-    return Curve(hull.sizes, values)
+def _drawn(seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> np.ndarray:
+    """Means over seeds that are drawn with replacement, (`DRAWS`, rungs), given those of each rung."""
+    counts = np.array([len(own) for own in seeds])
+    several = counts[counts > 1]  # of one seed nothing is drawn
+    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))
+    first = np.repeat(np.cumsum([0, *several[:-1]]), several)  # the place of each one's first seed among all
+    values = np.concatenate([own for own in seeds if len(own) > 1])[first + numbers]
+    means = np.tile([own[0] for own in seeds], (DRAWS, 1))
+    means[:, counts > 1] = np.add.reduceat(values, np.unique(first), axis=1) / several
+    return means
+
+
+def _weights(ours: Hull, theirs: Hull) -> np.ndarray:
+    """The weight of each rung of two hulls in their BD-PSNR, (rungs,), which is linear in the values of curves."""
+    rungs = [(0, rung) for rung in ours.once] + [(1, rung) for rung in theirs.once]
+    weights = []
+    for side, rung in rungs:
+        curves = [
+            Curve(hull.sizes, [float((side, rung) == (own, each)) for each in hull.rungs])
+            for own, hull in enumerate((ours, theirs))
+        ]
+        weights.append(bd_psnr(*curves))
+    return np.array(weights, float)
 
 
 def mean_over(table: pd.DataFrame) -> pd.Series:
@@ -343,12 +366,12 @@ def rungs_of(run: Run) -> Rungs:
     rungs["total"] = rungs["total"].round()  # the mean of files; the largest would grow with the number of seeds
     rungs["bits"] = 8 * rungs["total"] / (rungs["height"] * rungs["width"])
 
-    last = values.drop_duplicates("material", keep="last").set_index("material")
+    last: Any = values.drop_duplicates("material", keep="last").set_index("material").to_dict("index")
     stale = values[values["stale"] != ""].drop_duplicates(["line", "material"], keep="last")
     everything = Rungs(
         rungs,
-        {material: last.at[material, "surface"] for material in values["material"].unique()},
-        {name: (int(row.height), int(row.width)) for name, row in last.iterrows()},
+        {material: last[material]["surface"] for material in values["material"].unique()},
+        {name: (int(row["height"]), int(row["width"])) for name, row in last.items()},
         dict(zip(zip(stale["line"], stale["material"], strict=True), stale["stale"], strict=True)),
         without,
         unlike,
@@ -363,7 +386,8 @@ def rungs_of(run: Run) -> Rungs:
 def _score(jobs: pd.DataFrame, group: str, family: str, statistic: str) -> pd.Series:
     """A statistic of a metric's family over a group of pairs, a row a job; NaN where it was not scored."""
     ends = (f"scores/{group}/metrics/", f"/{statistic}")
-    names = [name[len(ends[0]) : -len(ends[1])] for name in jobs if name.startswith(ends[0]) and name.endswith(ends[1])]
+    names = [name.removeprefix(ends[0]) for name in map(str, jobs) if name.startswith(ends[0])]
+    names = [name.removesuffix(ends[1]) for name in names if name.endswith(ends[1])]
     found = pd.Series(np.nan, index=jobs.index)
     while name := metric_of(names, family):  # jobs may have different metrics of a family, the first ones first
         found = found.fillna(jobs[name.join(ends)].astype(float))
