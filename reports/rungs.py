@@ -10,7 +10,7 @@ since a file may be smaller than it may be. It is never extrapolated. docs/metri
 Tables of lines have a row a line and a column a surface, with NaN where a line has no value.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import fmean
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bench.compare.choosing import has_validation
+from bench.compare.choosing import has_validation, validation_of
 from bench.compare.frame import frame_of
 from bench.compare.paired import AGAINST
 from bench.compare.statistics import (
@@ -31,7 +31,7 @@ from bench.compare.statistics import (
     told_by_holm,
     upper_hull,
 )
-from bench.metrics import metric_of
+from bench.metrics import stats_of
 from bench.records import FLIP, PSNR, SSIM, Job, Records, Run, fitted_to_scene, kind_order, view
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
@@ -337,26 +337,28 @@ def rungs_of(run: Run) -> Rungs:
     if not scored:
         names = ["line", "label", "setting", "material", "job", "bits", *_COSTS, *_SCORES, "seeds"]
         return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, {}, without, [])
-    frame = frame_of(replace(run, jobs=Records(scored)))
-    jobs = frame[frame["why"] == ""]
+    frame = frame_of(replace(run, jobs=Records(scored)), records=False)
     unlike = [scored[name] for name in frame.loc[frame["why"] != "", "job"]]
-
-    values = jobs[["line", "label", "material", "surface", "setting", "job", "height", "width", "stale"]].copy()
-    values.attrs = {}  # they have units of every column of records, and pandas copies them again and again
-    values["validation"] = _score(jobs, "validation", PSNR, "mean")
+    values = frame.loc[frame["why"] == "", ["line", "label", "material", "surface", "setting", "job", "stale"]].copy()
+    values[[EAGER, FUSED]] = frame[[EAGER, FUSED]].astype(float)
+    values[FIT] = frame["fit_seconds"].astype(float).replace(0.0, np.nan)
+    jobs = [scored[name] for name in values["job"]]
+    values[["height", "width"]] = [job["shape"] for job in jobs]
+    values["total"] = [job["bytes"]["total"] for job in jobs]
+    values["validation"] = _floats(validation_of(job).get("mean") for job in jobs)
     for name, (family, statistic) in _TEST.items():
-        values[name] = _score(jobs, "heldout", family, statistic)
+        values[name] = _floats(stats_of(job, family).get(statistic) for job in jobs)
     for side in FOOTPRINTS:
-        values[side] = jobs.get(f"footprints/{side}/mean", np.nan)
-    values["total"] = jobs["bytes/total"]
-    values[EAGER], values[FUSED] = jobs[EAGER].astype(float), jobs[FUSED].astype(float)
-    values[FIT] = jobs["fit_seconds"].astype(float).replace(0.0, np.nan)
-    values["seeds"] = values["psnr"]
+        values[side] = _floats(job.get("footprints", {}).get(side, {}).get("mean") for job in jobs)
 
     # By label, which names what differs from the defaults: a setting that is added later splits no rung.
     grouped = values.groupby(["line", "label", "material"], sort=False)
     rungs = grouped[["setting", "job", "height", "width"]].first()
-    rungs = rungs.join(grouped[[*_SCORES, *_COSTS]].mean()).join(grouped["seeds"].agg(list))
+    rungs = rungs.join(grouped[[*_SCORES, *_COSTS]].mean())
+    seeds: list[list[float]] = [[] for _ in range(len(rungs))]
+    for rung, psnr in zip(grouped.ngroup().tolist(), values["psnr"].tolist(), strict=True):
+        seeds[rung].append(psnr)
+    rungs["seeds"] = seeds
     for name in _SCORES:  # a mean of some seeds would not compare
         rungs.loc[grouped[name].count() < grouped.size(), name] = np.nan
     rungs = rungs.reset_index()
@@ -383,13 +385,6 @@ def rungs_of(run: Run) -> Rungs:
     return replace(everything, surfaces={name: kind for name, kind in everything.surfaces.items() if name in within})
 
 
-def _score(jobs: pd.DataFrame, group: str, family: str, statistic: str) -> pd.Series:
-    """A statistic of a metric's family over a group of pairs, a row a job; NaN where it was not scored."""
-    ends = (f"scores/{group}/metrics/", f"/{statistic}")
-    names = [name.removeprefix(ends[0]) for name in map(str, jobs) if name.startswith(ends[0])]
-    names = [name.removesuffix(ends[1]) for name in names if name.endswith(ends[1])]
-    found = pd.Series(np.nan, index=jobs.index)
-    while name := metric_of(names, family):  # jobs may have different metrics of a family, the first ones first
-        found = found.fillna(jobs[name.join(ends)].astype(float))
-        names.remove(name)
-    return found
+def _floats(values: Iterable[float | None]) -> list[float]:
+    """Numbers with NaN where nothing was measured."""
+    return [np.nan if value is None else value for value in values]

@@ -42,7 +42,7 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
     With `narrow`, a main table is two: quality, and size and time. The summary sets codecs `against` a row, a label; ""
     is the one that `reports.ranking` picks, and `InputError` is raised for one that the run lacks.
     """
-    rows = materials(run)
+    rows = [] if kind in BY_BUDGET else materials(run)  # which those do not need, and which takes long
     makers = dict(_OF_KIND)
     makers["summary"] = lambda run, _: [summary_table(run, against=against)]
     if narrow:
@@ -51,7 +51,7 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
     for name in KINDS:
         if kind in (None, name):
             tables += [table for table in makers[name](run, rows) if table]
-    return list(_with_stale_rows_marked(run, tables))
+    return tables if kind in BY_BUDGET else list(_with_stale_rows_marked(run, tables))  # these mark their own
 
 
 def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:

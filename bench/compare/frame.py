@@ -83,9 +83,9 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
     return _framed(rows, [job for run in runs.values() for job in run.jobs])
 
 
-def frame_of(run: Run) -> pd.DataFrame:
-    """The jobs of a run, or of several that were loaded as one, in its order."""
-    return _framed(list(_rows(run, gpu_times(run))), run.jobs)
+def frame_of(run: Run, records: bool = True) -> pd.DataFrame:
+    """The jobs of a run, or of several that were loaded as one, in its order; or only the columns before `records`."""
+    return _framed(list(_rows(run, gpu_times(run), records)), run.jobs)
 
 
 def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> pd.DataFrame:
@@ -134,8 +134,8 @@ def _units_and_directions(
     return units, directions
 
 
-def _rows(run: Run, on_gpu: Mapping[str, Timing]) -> Iterator[_Row]:
-    """Each job of a run by column; `on_gpu` has the timing of settings on a GPU, by label."""
+def _rows(run: Run, on_gpu: Mapping[str, Timing], records: bool = True) -> Iterator[_Row]:
+    """Each job of a run by column; `on_gpu` has the timing of settings on a GPU, by label. See `frame_of`."""
     starts = {start.get("run"): start for start in reversed(run.starts)}  # files of published records may have none
     surfaces = {job["material"]: kind_of(job) for job in run.jobs if job["status"] == "ok"}
     reasons = _reasons(run)
@@ -181,7 +181,7 @@ def _rows(run: Run, on_gpu: Mapping[str, Timing]) -> Iterator[_Row]:
             **{f"package/{package}": version for package, version in start.get("packages", {}).items()},
         }
         # First, as the columns of a job's name; and last, because a free field of a record may have such a name, too.
-        yield {**own, **flattened(job, run.timing(job)), **own}
+        yield {**own, **flattened(job, run.timing(job)), **own} if records else own
 
 
 def _reasons(run: Run) -> dict[str, str]:
