@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from bench.compare.choosing import has_validation, validation_of
-from bench.compare.frame import frame_of
+from bench.compare.frame import EAGER, FUSED, frame_of
 from bench.compare.paired import AGAINST
 from bench.compare.statistics import (
     Curve,
@@ -37,7 +37,7 @@ from bench.records import FLIP, PSNR, SSIM, Job, Records, Run, fitted_to_scene, 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
 SECONDS = (10, 100, 1000)  # of a processor, of a fit
-BYTES, EAGER, FUSED, FIT = "bytes", "eager", "fused", "fit"  # kinds of budgets
+BYTES, FIT = "bytes", "fit"  # kinds of budgets, beside those of times of a query
 LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
 LEAST_SURFACES = 10  # below which no lead is told apart
 DRAWS = 200  # draws of the seeds of each rung, of those that have several
@@ -68,6 +68,16 @@ class Hull(NamedTuple):
     def once(self) -> list[int]:
         """Its rungs, each once."""
         return list(dict.fromkeys(self.rungs))
+
+
+class _Places(NamedTuple):
+    """Of each rung, (rungs,), the numbers of its line, of its setting and of its surface; and the names by number."""
+
+    line: np.ndarray
+    setting: np.ndarray
+    surface: np.ndarray
+    lines: list[str]
+    surfaces: list[str]
 
 
 class Summary(NamedTuple):
@@ -147,14 +157,22 @@ class Rungs:
         return self.frame["seeds"].tolist()
 
     @cached_property
-    def _columns(self) -> dict[str, list[float]]:
-        """The numbers of all rungs by name of their column."""
-        return {name: self.frame[name].tolist() for name in ("bits", *_SCORES)}
+    def _columns(self) -> dict[str, np.ndarray]:
+        """The numbers of all rungs, (rungs,), by name of their column."""
+        return {name: self.frame[name].to_numpy(float) for name in ("bits", *_COSTS, *_SCORES)}
+
+    @cached_property
+    def _places(self) -> _Places:
+        """Which line, setting and surface each rung is of."""
+        line, lines = pd.factorize(self.frame["line"])
+        surface, surfaces = pd.factorize(self.frame["material"])
+        setting = self.frame.groupby(["line", "label"], sort=False).ngroup().to_numpy(int)
+        return _Places(line, setting, surface, list(lines), list(surfaces))
 
     def curve(self, hull: Hull, score: str = "psnr") -> Curve | None:
         """The curve of a score at test pairs; None if one of its rungs was not scored so."""
-        values = [self._columns[score][rung] for rung in hull.rungs]
-        return None if np.isnan(values).any() else Curve(hull.sizes, values)
+        values = self._columns[score][hull.rungs]
+        return None if np.isnan(values).any() else Curve(hull.sizes, values.tolist())
 
     def read(self, bits: float, score: str = "psnr", to_end: bool = False) -> pd.DataFrame:
         """What lines with curves have at a size, by line and surface.
@@ -177,17 +195,23 @@ class Rungs:
         It is of the settings measured on all of the surfaces. Ties go to the smaller file, then to the faster query,
         then to the first. Lines without such a rung on each surface are left out.
         """
-        rungs = self.frame[self.frame["material"].isin(surfaces)]
-        common = rungs.groupby(["line", "label"])["material"].transform("size") == len(surfaces)
-        cost, ties = ("bits", ["bits"]) if budget.kind == BYTES else (budget.kind, ["bits", budget.kind])
-        fitting = rungs[common & (rungs[cost] <= budget.most)]
-        best = fitting.sort_values(["validation", *ties], ascending=[False, *(True for _ in ties)], kind="stable")
-        best = best.drop_duplicates(["line", "material"]).sort_index()
-        if best.empty:
-            return pd.DataFrame(columns=list(surfaces), dtype=int)
-        table = pd.Series(best.index, index=pd.MultiIndex.from_frame(best[["line", "material"]]), dtype=float).unstack()
-        lines = [line for line in best["line"].unique() if table.loc[line].notna().sum() == len(surfaces)]
-        return table.reindex(index=lines, columns=list(surfaces)).astype(int)
+        places = self._places
+        columns = [places.surfaces.index(name) for name in surfaces]
+        wanted = np.isin(places.surface, columns)
+        common = np.bincount(places.setting[wanted], minlength=len(self.frame))[places.setting] == len(surfaces)
+        cost = "bits" if budget.kind == BYTES else budget.kind
+        fits = wanted & common & (self._columns[cost] <= budget.most)
+        # From the best on, so that the first of each line and surface is the one.
+        ties = [self._columns[name] for name in dict.fromkeys([cost, "bits"])]
+        best_first = np.lexsort([*ties, -self._columns["validation"]])
+        best_first = best_first[fits[best_first]]
+        of_cells = places.line[best_first] * len(places.surfaces) + places.surface[best_first]
+        cells, first = np.unique(of_cells, return_index=True)
+        table = np.full((len(places.lines), len(places.surfaces)), -1)
+        table.flat[cells] = best_first[first]
+        table = table[:, columns]
+        full = np.flatnonzero((table >= 0).all(1))
+        return pd.DataFrame(table[full], [places.lines[number] for number in full], [*surfaces])
 
     def of_picks(self, picks: pd.DataFrame, score: str = "psnr") -> pd.DataFrame:
         """A column of the rungs that `picks` names, by line and surface."""

@@ -2,8 +2,7 @@
 
 from bench.records import FLIP, PSNR, SSIM
 from reports.front import curves_tables
-from tests.bench.compare.choosing.test_budgets import run_of
-from tests.bench.compare.choosing.test_curves import at_bits
+from tests.reports.test_rungs import at_bits, run_of
 
 
 def rungs(codec, material, ahead, **more):
