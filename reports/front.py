@@ -131,7 +131,7 @@ def _lead_notes(values: pd.DataFrame) -> Iterator[str]:
     leads = values[values["median"].notna()]
     if leads["single"].any():
         yield "°: of fewer than three rungs, each at its own bytes."
-    if (leads["apart"] == True).any():  # noqa: E712
+    if leads["apart"].astype(bool).any():
         yield "*: told apart: the interval leaves out 0."
     elif len(leads):
         few = leads["surfaces"].max() < LEAST_SURFACES
@@ -272,7 +272,7 @@ def _mean_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
 def _span(limits: list[Budget]) -> str:
     """Budgets in words, those of bytes as one range in bits a texel: "32–128, 8 × eager".
 
-    `limits` are in the order of `Budgets.limits`: those of bytes first, and ascending.
+    `limits` are in the order of `Rungs.limits`: those of bytes first, and ascending.
     """
     bits = [f"{budget.most:g}" for budget in limits if budget.kind == BYTES]
     parts = []
