@@ -365,7 +365,7 @@ class Hierarchical(NeuMIP):
     }
     """
 
-    name, version = "hierarchical", 3
+    name, version = "hierarchical", 4
     sizes = ("channels",)
     recipes: ClassVar = {"paper": PAPER}
     recipe_versions: ClassVar = {}  # not NeuMIP's

@@ -36,7 +36,9 @@ from bench.training.stored_texture import Bits, Rounding, load_texture, store_te
 
 WIDTHS = (25, 25, 25)  # of the offset network; the decoder has as many hidden layers
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
-DEEPEST = 4.0  # the most that an offset can be: a depth of 0.2 of the longer side, twice what `relief` looks for
+# The most that an offset can be. While textures are blurred a depth costs nothing, so it must not be larger than the
+# blur: a fit that drifted to four times it kept that depth, 7 dB below others.
+DEEPEST = 1.0
 LOWEST_COSINE = 0.6  # least z of the view: below it, the offset stops growing
 COARSE_SHARE = 4  # one of this many samples is of a coarser level
 # Gaussian blur, σ in texels. That of the latents falls exponentially from the first to the last.
@@ -367,10 +369,10 @@ class NeuMIP(Codec):
     }
     """
 
-    name, version = "neumip", 6
+    name, version = "neumip", 7
     sizes = ("channels",)
     recipes: ClassVar = {"paper": PAPER}
-    recipe_versions: ClassVar = {"paper": 7}
+    recipe_versions: ClassVar = {"paper": 8}
     objective: ClassVar[type[NeuMIPObjective]] = NeuMIPObjective
     material: ClassVar[Callable[..., Material]] = NeuMIPMaterial
 

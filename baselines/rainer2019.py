@@ -9,6 +9,7 @@ few bits. Free latents may also lie on further grids, and be moved along the vie
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 import torch
@@ -21,7 +22,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Natural, Positive, Width
 from bench.material import Material, sample_texture, to_radiance
-from bench.training import Batch, Samples, first_latents, gain_of, train
+from bench.training import Batch, Samples, better_start, first_latents, gain_of, train
 from bench.training.decoder import Architecture, Decoder
 from bench.training.fitting import ROUNDING_SAMPLES
 from bench.training.gridded import (
@@ -90,7 +91,10 @@ class Rainer2019(Codec):
         """Fit encoder and decoder, or the decoder with free latents; returns the parts of the file."""
         samples = Samples(btf, gain_of(btf, fit), fit)
         if is_gridded(self.settings):
-            gridded = GriddedLatents(samples, self.settings, fit)
+            made = partial(GriddedLatents, samples, self.settings)
+            if self.settings.offset:
+                fit = better_start(made, fit, self.settings.steps)
+            gridded = made(fit)
             train(gridded, fit, self.settings.steps, self.settings.patience)
             return gridded.file()
         objective = Encoded if self.settings.start == "encoder" else FreeLatents

@@ -40,6 +40,7 @@ from bench.training import (
     ParameterGroup,
     Samples,
     TextureSettings,
+    better_start,
     compress,
     expand,
     gain_of,
@@ -79,7 +80,9 @@ class Network(nn.Module):
         widths = (settings.width,) * settings.layers
         outputs = 6 if self.shadow else 3  # radiance in RGB, and a mask of it in RGB
         self.decoder = Decoder(Architecture(inputs, widths, outputs, activation="silu"), generator)
-        self.offset = Offset(settings.offset, size, generator) if settings.offset and not relief else None
+        # By the latents alone: where no height stands, the surface is so flat that every view sees the same depth.
+        has_offset = settings.offset and not relief
+        self.offset = Offset(settings.offset, size, generator, by_view=False) if has_offset else None
 
     @property
     def flops(self) -> int:
@@ -388,7 +391,10 @@ class Relief(Codec):
         levels = Samples.levels(btf, fitted_levels(btf, fit, level_count(btf.shape)), gain, fit)
         swept = sweep.find(btf, gain, fit) if self.settings.relief else None
         height = swept.height if swept is not None and swept.stands else None
-        fitting = ReliefObjective(levels, height, self.settings, fit)
+        objective = partial(ReliefObjective, levels, height, self.settings)  # of a fit
+        if height is None and self.settings.offset:  # some starts find depths that are periods apart, and stay there
+            fit = better_start(objective, fit, self.settings.steps)
+        fitting = objective(fit)
         train(fitting, fit, self.settings.steps)
         texture = fitting.grids.stored()
         if fitting.height is not None:

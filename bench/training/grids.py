@@ -117,18 +117,22 @@ def load_grids(
 
 
 class Offset(nn.Module):
-    """Moves a look-up along the view, by a depth of the offset's latents and ω_o; its scale, the gate, starts at 0.
+    """Moves a look-up along the view, by a depth of the offset's latents and, with `by_view`, of ω_o.
 
-    Moved freely, as NeuralBTF does, neighbouring views of a periodic surface such as corduroy settle periods apart, and
-    a view between them sees it half a period away: docs/relief.md.
+    The scale of the depth, the gate, starts at 0. Moved freely, as NeuralBTF does, neighbouring views of a periodic
+    surface such as corduroy settle periods apart, and a view between them sees it half a period away: docs/relief.md.
     """
 
-    def __init__(self, width: int, size: tuple[int, int], generator: torch.Generator | None = None):
+    def __init__(
+        self, width: int, size: tuple[int, int], generator: torch.Generator | None = None, by_view: bool = True
+    ):
         """Make the network, of `width` hidden channels, for a picture of `size` (H, W)."""
         super().__init__()
         # (2,): the longer side in uv along u and along v. 1 and 1 of a square picture.
         self.periods = nn.Buffer(torch.tensor(periods(size)), persistent=False)
-        self.decoder = Decoder(Architecture(OFFSET_CHANNELS + 3, (width,), outputs=1), generator)  # and x, y, z of ω_o
+        self.by_view = by_view
+        inputs = OFFSET_CHANNELS + 3 * by_view  # x, y and z of ω_o
+        self.decoder = Decoder(Architecture(inputs, (width,), outputs=1), generator)
         self.gate = nn.Parameter(torch.zeros(1))
 
     @property
@@ -137,10 +141,11 @@ class Offset(nn.Module):
         return self.decoder.architecture.flops + 9  # those of `moved`
 
     def moved(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
-        """uv (n, 2), moved by the depth that latents (n, 4) there have for views wo (n, 3).
+        """uv (n, 2), moved along views wo (n, 3) by the depth of latents (n, 4) there.
 
         Depths are in units of the picture's longer side, so that a depth moves as far along u as along v.
         """
-        depth = self.gate * self.decoder(torch.cat([latents, wo.to(latents.dtype)], 1)).tanh()
+        inputs = torch.cat([latents, wo.to(latents.dtype)], 1) if self.by_view else latents
+        depth = self.gate * self.decoder(inputs).tanh()
         slope = wo[:, :2] / wo[:, 2:].clamp_min(LOWEST)  # sideways for each unit of depth
         return uv + depth.to(uv.dtype) * slope.to(uv.dtype) * self.periods.to(uv.dtype)

@@ -1,9 +1,9 @@
-"""The weights of a network in a file: as floats, as halves, or in at most eight bits, which the fit takes into account.
+"""The weights of a network in a file: as floats, as halves, or in eight bits, which the fit takes into account.
 
-In eight bits each matrix has as few bits as add little error, and each of its rows a step of its own, so that the
-largest weight of the row is the last step; their codes are stored as those of textures are. Biases, norms and other
-vectors stay halves. From half of the fit on, a step is taken with the weights as the file will hold them: the gradient
-at the rounded weights moves the exact ones (Courbariaux et al., "BinaryConnect", 2015).
+In eight bits a matrix is stored in steps of its own, as large as the fit bears, and the codes are stored as those of
+textures are, so that many small ones take few bytes. Biases, norms and other vectors stay halves. From half of the fit
+on, a step is taken with the weights as the file will hold them: the gradient at the rounded weights moves the exact
+ones (Courbariaux et al., "BinaryConnect", 2015).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -15,16 +15,15 @@ from torch import Tensor, nn
 
 from bench.material import HALF_MAX
 from bench.training.quantise import pack, unpack
-from bench.training.stored_texture import shared_out
 from bench.training.texture_codes import MOST_BITS, compress, expand
 
 WeightPrecision = Literal["float32", "half", "int8"]
 
-LEAST_BITS = 2  # of a weight: −1, 0 and 1 steps
 BEARABLE = 0.03  # share of the fit's squared error that the rounding of all weights may add
 MIDDLE = 2 ** (MOST_BITS - 1)  # the code of a weight of 0
-ON_HOST = "stored_bits_on_host"  # the attribute of a network with the numbers of its buffer `BITS`
-BITS = "stored_bits"  # the buffer of a network that holds the bits of each of its matrices; 0: not chosen
+PROBED = 8  # so many times the least step is rounded to see what a step adds
+MOST = MIDDLE - 1  # the most steps of a weight
+STEPS = "stored_steps"  # the buffer of a network with the step of each of its matrices; 0: not chosen
 
 
 def to_vector(*networks: nn.Module) -> Tensor:
@@ -53,11 +52,10 @@ def store_network(network: nn.Module, precision: WeightPrecision) -> dict[str, T
     if precision != "int8":
         return pack("weights", to_vector(network), precision)
     matrices, others = _matrices_and_others(network)
-    bits = _bits_of(network, matrices)
-    steps = [_steps(matrix, count) for matrix, count in zip(matrices, bits, strict=True)]
-    codes = [(matrix.detach() / step).round() for matrix, step in zip(matrices, steps, strict=True)]
+    steps = _steps(network, matrices)
+    codes = [_codes(matrix, step) for matrix, step in zip(matrices, steps, strict=True)]
     stored = {"weights": compress((_joined(codes) + MIDDLE)[:, None], [MOST_BITS], _sizes(matrices))}
-    return stored | pack("weights.step", _joined(steps), "half") | pack("weights.other", _joined(others), "half")
+    return stored | {"weights.step": steps.cpu()} | pack("weights.other", _joined(others), "half")
 
 
 def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
@@ -70,8 +68,8 @@ def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
     codes = expand(tensors["weights"], (count, 1), _sizes(matrices))[:, 0] - MIDDLE
     _copy_into(matrices, codes)
     _copy_into(others, unpack("weights.other", tensors))
-    steps = [torch.empty(len(matrix), 1) for matrix in matrices]
-    _copy_into(steps, unpack("weights.step", tensors))
+    steps = [torch.empty(()) for _ in matrices]
+    _copy_into(steps, tensors["weights.step"])
     with torch.no_grad():
         for matrix, step in zip(matrices, steps, strict=True):
             # Halves hold no larger weights either: those of an altered file could overflow in a few layers.
@@ -79,49 +77,39 @@ def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
     return network
 
 
-def note_bits(networks: Iterable[nn.Module]) -> None:
-    """Give each network the buffer of the bits of its matrices, which belongs to the state of its fit."""
+def note_steps(networks: Iterable[nn.Module]) -> None:
+    """Give each network the buffer of the steps of its matrices, which belongs to the state of its fit."""
     for network in networks:
-        if not hasattr(network, BITS):
+        if not hasattr(network, STEPS):
             matrices, _ = _matrices_and_others(network)
             device = next((p.device for p in network.parameters()), None)
-            network.register_buffer(BITS, torch.zeros(len(matrices), dtype=torch.long, device=device))
+            network.register_buffer(STEPS, torch.zeros(len(matrices), device=device))
 
 
 @torch.no_grad()
-def choose_weight_bits(networks: Iterable[nn.Module], answers: Callable[[], Tensor], target: Tensor) -> None:
-    """Choose the bits of each matrix, by the change of `answers`, which should be `target`, if it is rounded alone.
+def choose_steps(networks: Iterable[nn.Module], answers: Callable[[], Tensor], target: Tensor) -> None:
+    """Choose the step of each matrix, by the change of `answers`, which should be `target`, if it is rounded alone.
 
-    The squared error that a matrix adds grows with the square of its rounding. Each bit goes to the matrix that adds
-    most error for each of its weights, until all together add `BEARABLE` of the fit's error.
+    The squared error that a matrix adds grows with the square of its step, and a weight has the fewer bits the larger
+    its step is, by the logarithm. So for given error the file is smallest if all matrices add the same error for each
+    of their weights; all together may add `BEARABLE` of the fit's error.
     """
     networks = list(networks)
-    matrices = [matrix for network in networks for matrix in _matrices_and_others(network)[0]]
     exact = answers()
-    noise = []  # of each matrix, the error that it adds with each number of bits
-    for matrix in matrices:
-        kept = matrix.clone()
-        changes = [_rounded(kept, bits) - kept for bits in range(LEAST_BITS, MOST_BITS + 1)]
-        spread = torch.stack([change.square().mean() for change in changes])
-        probed = len(changes) // 2
-        matrix.add_(changes[probed])
-        error = (answers() - exact).square().mean()
-        matrix.copy_(kept)
-        noise.append(spread * (error / spread[probed].clamp_min(1e-30)))
-    sizes = torch.tensor([matrix.numel() for matrix in matrices])
-    bearable = BEARABLE * float((exact - target).square().mean())
-    bits = shared_out(torch.stack(noise).cpu(), sizes, MOST_BITS * int(sizes.sum()), bearable, LEAST_BITS)
-    for network in networks:
-        buffer = getattr(network, BITS)
-        buffer.copy_(bits[: len(buffer)])
-        bits = bits[len(buffer) :]
-    read_bits(networks)
-
-
-def read_bits(networks: Iterable[nn.Module]) -> None:
-    """Note the bits of matrices on the host, too, where steps read them: a GPU would be waited for at each."""
-    for network in networks:
-        setattr(network, ON_HOST, getattr(network, BITS).tolist())
+    bearable = BEARABLE * (exact - target).square().mean()
+    of_networks = [_matrices_and_others(network)[0] for network in networks]
+    count = sum(matrix.numel() for matrices in of_networks for matrix in matrices)
+    for network, matrices in zip(networks, of_networks, strict=True):
+        chosen = getattr(network, STEPS)
+        for place, matrix in enumerate(matrices):
+            kept = matrix.clone()
+            probed = _least_step(matrix) * PROBED
+            matrix.copy_(_codes(matrix, probed) * probed)
+            error = (answers() - exact).square().mean()
+            matrix.copy_(kept)
+            share = bearable * matrix.numel() / count
+            step = probed * (share / error.clamp_min(1e-30)).sqrt()
+            chosen[place] = step.clamp(_least_step(matrix), _least_step(matrix) * MOST)
 
 
 @contextmanager
@@ -131,9 +119,9 @@ def rounded_weights(networks: Iterable[nn.Module]) -> Iterator[None]:
     with torch.no_grad():
         for network in networks:
             matrices, _ = _matrices_and_others(network)
-            for matrix, bits in zip(matrices, _bits_of(network, matrices), strict=True):
+            for matrix, step in zip(matrices, _steps(network, matrices), strict=True):
                 exact.append((matrix, matrix.detach().clone()))
-                matrix.copy_(_rounded(matrix, bits))
+                matrix.copy_(_codes(matrix, step) * step)
     try:
         yield
     finally:
@@ -150,23 +138,22 @@ def _matrices_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]
     return matrices, others
 
 
-def _bits_of(network: nn.Module, matrices: Sequence[Tensor]) -> list[int]:
-    """The bits of each matrix of a network: those that were chosen, or as many as there can be."""
-    chosen: list[int] = getattr(network, ON_HOST, [0] * len(matrices))
-    return [bits or MOST_BITS for bits in chosen]
+def _steps(network: nn.Module, matrices: Sequence[Tensor]) -> Tensor:
+    """The steps (matrices,) of a network: those that were chosen, or the least."""
+    least = torch.stack([_least_step(matrix) for matrix in matrices])
+    chosen = getattr(network, STEPS, None)
+    return least if chosen is None else torch.where(chosen > 0, chosen, least)
 
 
-def _steps(matrix: Tensor, bits: int) -> Tensor:
-    """The step (rows, 1) of each row of a matrix (rows, columns) of so many bits a weight."""
-    largest = matrix.detach().abs().amax(1, keepdim=True)
-    # A row of zeros has the least step that is no zero, because weights are divided by it.
-    return (largest / (2 ** (bits - 1) - 1)).clamp_min(torch.finfo(torch.float32).tiny)
+def _least_step(matrix: Tensor) -> Tensor:
+    """The step () that makes the largest weight of a matrix the last code."""
+    # A matrix of zeros has the least step that is no zero, because weights are divided by it.
+    return (matrix.detach().abs().amax() / MOST).clamp_min(torch.finfo(torch.float32).tiny)
 
 
-def _rounded(matrix: Tensor, bits: int) -> Tensor:
-    """A matrix (rows, columns) in so many bits a weight."""
-    step = _steps(matrix, bits)
-    return (matrix.detach() / step).round() * step
+def _codes(matrix: Tensor, step: Tensor) -> Tensor:
+    """The weights of a matrix (rows, columns) in whole steps."""
+    return (matrix.detach() / step).round().clamp(-MOST, MOST)
 
 
 def _sizes(matrices: Sequence[Tensor]) -> list[tuple[int, int]]:

@@ -22,7 +22,7 @@ from bench.training.texture_codes import MOST_BITS, compress, expand
 Sizes = Sequence[tuple[int, int]] | None  # of pictures (H, W) whose texels a texture (N, C) holds
 Bits = Literal[0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 32]  # of a stored number, on average; 0: left to the fit, 16, 32: floats
 
-VERSION = 3  # part of the version of every codec: raise it if the codes or the choice of bits change
+VERSION = 4  # part of the version of every codec: raise it if the codes or the choice of bits change
 BEARABLE = 0.015  # share of the fit's squared error that rounding may add, if the fit chooses the bits
 PROBED = 4  # bits of a channel that is rounded alone, to measure the error that this adds, if each takes one at least
 MEASURED = 1 << 16  # texels of larger textures whose rounding is measured

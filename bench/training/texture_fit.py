@@ -16,7 +16,7 @@ from bench.codec import Fit, Parts
 from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material, to_radiance
 from bench.training.decoder import Decoder
-from bench.training.fitting import Loss, Objective, train
+from bench.training.fitting import Loss, Objective, better_start, train
 from bench.training.initial_latents import Start
 from bench.training.inputs import Directions, direction_inputs
 from bench.training.optimiser import Optimiser, ParameterGroup, groups_of
@@ -82,7 +82,13 @@ Fitted = TypeVar("Fitted", bound=Objective)
 def fitted(objective: Callable[[Samples, Any, torch.Generator], Fitted], settings: Any, btf: BTF, fit: Fit) -> Fitted:
     """An objective that `objective` makes of samples, a codec's settings and a generator, fitted to a whole BTF."""
     samples = Samples(btf, gain_of(btf, fit), fit)
-    to_fit = objective(samples, settings, fit.generator())
+
+    def made(start: Fit) -> Fitted:
+        return objective(samples, settings, start.generator())
+
+    if getattr(settings, "offset", 0):  # of a codec on several grids
+        fit = better_start(made, fit, settings.steps)
+    to_fit = made(fit)
     train(to_fit, fit, settings.steps, settings.patience)
     return to_fit
 

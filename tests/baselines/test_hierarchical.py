@@ -72,7 +72,7 @@ class Oracle:
             x = weight @ x + bias
             x = x.clip(0) if i < 3 else x
         height, width = self.size  # the offset is a length on the surface, in its longer side
-        du, dv = 0.05 * x[0] * wo[:2] / max(wo[2], 0.6) * max(self.size) / np.array([width, height])
+        du, dv = 0.05 * np.tanh(x[0]) * wo[:2] / max(wo[2], 0.6) * max(self.size) / np.array([width, height])
         low = int(level)
         upper = min(low + 1, len(self.pyramid) - 1)
         fine, coarse = (bilinear(self.pyramid[i], u + du, v + dv) for i in (low, upper))

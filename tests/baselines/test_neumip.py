@@ -82,8 +82,8 @@ def test_the_offset_moves_along_the_view_equally_far_on_the_surface(
     load_vector(torch.cat([torch.zeros(1575), torch.ones(1)]), networks.offset)
     wo = torch.tensor([[0.6, 0.0, 0.8], [0.0, -0.96, 0.28], [0.0, 0.0, 1.0]])
     moved = networks.move(torch.zeros(3, 2), torch.zeros(3, CHANNELS), wo, Pyramid(size).reach)
-    # Nearer to the horizon than z = 0.6 the shift grows no further. An output of 1 is a little less, and of 100 is 4.
-    one = 0.05 * 4 * math.tanh(1 / 4)
+    # Nearer to the horizon than z = 0.6 the shift grows no further. An output of 1 is tanh(1).
+    one = 0.05 * math.tanh(1)
     expected = torch.tensor([[one * 0.6 / 0.8, 0], [0, -one * 0.96 / 0.6], [0, 0]])
     torch.testing.assert_close(moved, expected * torch.tensor(along))
 

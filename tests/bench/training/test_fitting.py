@@ -13,7 +13,7 @@ from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.training import fitting as training
 from bench.training import samples as sampling
-from bench.training.fitting import DivergedError, Objective, train
+from bench.training.fitting import DivergedError, Objective, better_start, train
 from bench.training.optimiser import ParameterGroup
 from bench.training.samples import Batch, Samples, gain_of
 
@@ -194,3 +194,20 @@ def test_coarser_levels_of_a_large_btf_are_kept_at_some_of_its_pairs(btf: BTF, m
         same = (np.abs(btf.wo - coarse.wo[pair].numpy()) + np.abs(btf.wi - coarse.wi[pair].numpy())).sum(1).argmin()
         truth = np.log1p(2.5 * btf.downsample(2)[int(same)].reshape(-1, 3)[int(texel)])
         np.testing.assert_allclose(target, truth, rtol=5e-4, atol=1e-6)
+
+
+def test_the_better_of_two_starts_goes_on(btf: BTF) -> None:
+    fit = Fit(seed=3)
+    rates: dict[int, float] = {}  # by seed: the first start hardly moves
+
+    def made(start: Fit) -> Mean:
+        rates.setdefault(start.seed, 1e-6 if not rates else 0.1)
+        return objective(btf, lr=rates[start.seed])
+
+    chosen = better_start(made, fit, steps=40)
+    assert [*rates] == [3, chosen.seed]
+    assert chosen.history is fit.history
+    assert fit.history == []  # short starts leave no points on the curve
+    rates.clear()
+    rates |= {3: 0.1, chosen.seed: 1e-6}
+    assert better_start(made, fit, steps=40).seed == 3

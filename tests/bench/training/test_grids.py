@@ -80,6 +80,16 @@ def test_an_offset_starts_closed_and_moves_with_the_view() -> None:
     assert (one != other).any()
 
 
+def test_a_depth_of_latents_alone_is_the_same_for_every_view() -> None:
+    offset = Offset(16, (6, 6), torch.Generator().manual_seed(0), by_view=False)
+    with torch.no_grad():
+        offset.gate.fill_(0.1)
+    latents, uv = numbers((4, 5), 4), torch.zeros(20, 2)
+    one = offset.moved(uv, latents, torch.tensor([0.6, 0, 0.8]).expand(20, 3))
+    other = offset.moved(uv, latents, torch.tensor([0, 0.8, 0.6]).expand(20, 3))
+    torch.testing.assert_close(one[:, 0] / 0.75, other[:, 1] / (4 / 3))
+
+
 @pytest.mark.parametrize("shape", [(4, 8), (8, 4), (6, 6)])
 def test_an_offset_moves_along_the_view_on_the_surface(shape: tuple[int, int]) -> None:
     """Texels are square, so in texels it moves as far along u as along v, and as far in every shape of picture."""
