@@ -151,7 +151,11 @@ def _fault_in_object(kind: Kind, value: Mapping[str, Any], place: str, depth: in
         # The common case is tested here, without a call: it occurs thousands of times a run.
         if kind_of_item.__class__ is Plain and kind_of_item is not ANYTHING and kind_of_item.test(item):
             continue
-        fault = fault_of(kind_of_item, item, f"{place}/{name:.60}", depth + 1)
+        of_item = f"{place}/{name:.60}"
+        if item.__class__ is dict and kind_of_item.__class__ in (Each, Fields) and depth < DEEPEST:  # common, too
+            fault = _fault_in_object(kind_of_item, item, of_item, depth + 1)
+        else:
+            fault = fault_of(kind_of_item, item, of_item, depth + 1)
         if fault:
             return fault
     return ""
