@@ -9,9 +9,10 @@ joins its best rungs over bytes. The *floor* is the time of one bilinear colour 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from bench.compare.choosing.budgets import BITS, EAGER, TIMES, Budgets, budgets
-from bench.compare.choosing.curves import Point, hulls, mean_at
-from bench.records import Run, by_kind
+import pandas as pd
+
+from bench.records import Run
+from reports.rungs import BITS, EAGER, TIMES, Rungs, mean_over, rungs_of
 from reports.series import Plot, Series
 
 FAR_DB = 8.0  # lines so far below the best at every size of a curve are left out: they would press others together
@@ -30,20 +31,21 @@ class Front(NamedTuple):
 
 def front_plots(run: Run) -> Iterator[Front]:
     """The plots of each kind of surface (measured, rendered, …), if a line has a curve on one of that kind."""
-    result = budgets(run)
-    for kind, surfaces in by_kind(result.surfaces).items():
-        if hulls(result, surfaces):
-            yield _front(result, kind, surfaces)
+    rungs = rungs_of(run)
+    for kind, surfaces in rungs.kinds.items():
+        if any(on.keys() & set(surfaces) for on in rungs.hulls.values()):
+            yield _front(rungs, kind, surfaces)
 
 
-def _front(result: Budgets, kind: str, surfaces: Sequence[str]) -> Front:
+def _front(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Front:
     """Means over the surfaces: curves over bytes, as far as they reach on each, and rungs within budgets of time.
 
     `surfaces` are the names of those of one `kind`. Lines that are far below the best everywhere are left out of both.
     The line of the highest PSNR comes first.
     """
     # By line, its mean PSNR by bits a texel; by bits, the best of all lines, 0 where none reaches.
-    means = {line: _mean_curve(curves, surfaces) for line, curves in hulls(result, surfaces).items()}
+    curves = pd.DataFrame({bits: mean_over(rungs.read(bits)[[*surfaces]]) for bits in _SIZES})
+    means: dict[str, Any] = {line: curves.loc[line].dropna().to_dict() for line in rungs.hulls}
     best = {bits: max(curve.get(bits, 0.0) for curve in means.values()) for bits in _SIZES}
     near: list[str] = []
     for line in sorted(means, key=lambda line: -max(means[line].values(), default=0.0)):
@@ -52,7 +54,10 @@ def _front(result: Budgets, kind: str, surfaces: Sequence[str]) -> Front:
     sizes = {line: means[line] for line in near}
 
     # By the time of a budget: the mean PSNR of each line that has a rung within it on every surface.
-    ranked = {budget.most: result.ranked(budget, surfaces) for budget in result.limits if budget.kind == EAGER}
+    ranked: dict[float, Any] = {}
+    for budget in rungs.limits:
+        if budget.kind == EAGER:
+            ranked[budget.most] = rungs.ranked(budget, surfaces).to_dict()
     times = {line: {most: lines[line] for most, lines in ranked.items() if line in lines} for line in near}
 
     def plot(of: str, words: str, x: dict[str, Any], lines: Mapping[str, Mapping[float, float]]) -> Plot:
@@ -80,16 +85,3 @@ def _front(result: Budgets, kind: str, surfaces: Sequence[str]) -> Front:
         plot("size", "bytes", by_size, sizes),
         plot("time", "time", by_time, times),
     )
-
-
-def _mean_curve(curves: Mapping[str, Sequence[Point]], surfaces: Sequence[str]) -> dict[float, float]:
-    """The mean PSNR in dB over surfaces of a line's curves by bits a texel, for those of `_SIZES` that each reaches.
-
-    `curves` has the points of the line's curve by surface.
-    """
-    mean_of = {}
-    for bits in _SIZES:
-        mean = mean_at(curves, surfaces, bits)
-        if mean is not None:
-            mean_of[bits] = mean
-    return mean_of

@@ -4,13 +4,12 @@ A *budget* is a size of files; within it a codec is read off the curve of its se
 run without validation pairs has no budgets, so its codecs are compared as they were measured.
 """
 
-from bench.compare.choosing.budgets import ENOUGH, budgets
-from bench.compare.choosing.curves import hulls, readings
 from bench.compare.paired import AGAINST
 from bench.compare.ranks import SAME_DB
-from bench.records import Run, by_kind
-from reports.budgets import in_words
+from bench.records import Run
+from reports.front import in_words
 from reports.ranking import ranked
+from reports.rungs import ENOUGH, rungs_of
 
 
 def leads(run: Run) -> str:
@@ -28,15 +27,14 @@ def _within_budget(run: Run) -> list[str]:
     The lead, in mean PSNR at the budget `ENOUGH`, is that before the codec `AGAINST` or, where it leads itself or is
     missing, before the second. Kinds with fewer than two codecs have no clause.
     """
-    result = budgets(run)
-    points = hulls(result, result.surfaces)  # curves of quality over bytes, by codec and surface
+    rungs = rungs_of(run)
     clauses: list[str] = []
-    for kind, surfaces in by_kind(result.surfaces).items():
-        means = readings(result, points, ENOUGH, surfaces)  # by codec, the best first
+    for kind, surfaces in rungs.kinds.items():
+        means = rungs.readings(ENOUGH, surfaces)["value"]  # by codec, the best first
         if len(means) > 1:
-            best, *others = means
+            best, *others = means.index
             other = AGAINST if AGAINST in others else others[0]
-            lead = means[best].value - means[other].value
+            lead = means[best] - means[other]
             clauses.append(f"{best} leads on {kind} surfaces, {lead:.1f} dB before {other}")
     return clauses
 

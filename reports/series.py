@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bench.compare.choosing import has_validation, validation_of
-from bench.compare.choosing.budgets import line_of
+from bench.compare.frame import line_of
 from bench.compare.paired import decibels
 from bench.inputs.errors import InputError
 from bench.records import MOST_DB, Run, view

@@ -42,7 +42,7 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
     With `narrow`, a main table is two: quality, and size and time. The summary sets codecs `against` a row, a label; ""
     is the one that `reports.ranking` picks, and `InputError` is raised for one that the run lacks.
     """
-    rows = materials(run)
+    rows = [] if kind in BY_BUDGET else materials(run)  # which those do not need, and which takes long
     makers = dict(_OF_KIND)
     makers["summary"] = lambda run, _: [summary_table(run, against=against)]
     if narrow:
@@ -51,7 +51,7 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
     for name in KINDS:
         if kind in (None, name):
             tables += [table for table in makers[name](run, rows) if table]
-    return list(_with_stale_rows_marked(run, tables))
+    return tables if kind in BY_BUDGET else list(_with_stale_rows_marked(run, tables))  # these mark their own
 
 
 def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
@@ -64,7 +64,8 @@ def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table
             fitted = _Fitted(job["codec"], as_published=job.get("settings", {}).get("recipe") == "paper")
             reasons[job["material"], fitted] = reason_of_job[job["job"]]
     for table in tables:
-        if table.kind == "times":  # settings are timed apart from any job: a stale job says nothing of them
+        # Tables of budgets mark their own; settings are timed apart from any job, and a stale job says nothing of them.
+        if table.kind in (*BY_BUDGET, "times"):
             yield table
             continue
         of_table = {}
@@ -309,12 +310,9 @@ def _by_budget(kind: str) -> "Maker":
     def tables(run: Run, _: list[MaterialRows]) -> Iterable[Table]:
         if not any(map(has_validation, run.jobs)):
             return []
-        from reports import budgets  # these load NumPy, which most tables do not need
-        from reports.curves import curves_tables
+        from reports import front  # it loads pandas, which most tables do not need
 
-        if kind == "curves":
-            return curves_tables(run)
-        return budgets.TABLES[kind](run)
+        return front.TABLES[kind](run)
 
     return tables
 

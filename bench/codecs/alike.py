@@ -4,10 +4,11 @@ A codec's `version` names its file and its fit; the store of textures has a vers
 record of another version than the installed one is *stale*: tables mark it, since its numbers cannot be made again.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
-from bench.codecs.registry import current_versions, from_outside
+from bench.codecs.registry import codec_entries, current_versions, from_outside
 from bench.records import FitKey, Job, ScoreKey, scored_unlike, shown_label
 
 
@@ -16,13 +17,13 @@ def stale(jobs: Iterable[Job]) -> dict[str, str]:
 
     Jobs whose versions agree, or are not known, are left out.
     """
-    # By codec and recipe. Each is looked up once, because that reads what every installed package says of itself.
-    installed: dict[tuple[str, str], dict[str, int]] = {}
+    entries = codec_entries()  # once, because that reads what every installed package says of itself
+    installed: dict[tuple[str, str], dict[str, int]] = {}  # by codec and recipe
     found = {}
     for job in jobs:
         codec, recipe = _recipe_of(job)
         if (codec, recipe) not in installed:
-            installed[codec, recipe] = current_versions(codec, recipe)
+            installed[codec, recipe] = current_versions(codec, recipe, entries)
         differences = _version_differences(job.get("fit_key", FitKey()), installed[codec, recipe])
         if differences:
             found[job["job"]] = differences
@@ -54,8 +55,11 @@ class _Newest(NamedTuple):
             newest.codes[row_of(job)] = job.get("fit_key", {}).get("code")
         return newest
 
-    def obstacles(self, job: Job) -> list[str]:
-        """Why the numbers of a job cannot stand beside those of the newest, in words."""
+    def obstacles(self, job: Job, outside: Callable[[str], bool]) -> list[str]:
+        """Why the numbers of a job cannot stand beside those of the newest, in words.
+
+        `outside` tells of a codec's name whether another package has it.
+        """
         reasons = _score_differences(job["score_key"], self.score_keys[job["material"], job.get("seed")])
         # If no other job has this seed, the scores above were compared with themselves: the size still tells.
         shape = job.get("shape")
@@ -72,7 +76,7 @@ class _Newest(NamedTuple):
             reasons.append(other_version)
         # The suite's own codecs get a new version if their files change; one's own may change without.
         code = self.codes[row_of(job)]
-        if code and fit_key.get("code") != code and from_outside(str(job.get("codec"))):
+        if code and fit_key.get("code") != code and outside(str(job.get("codec"))):
             reasons.append("fitted by other code of the codec than its newest seed")
         return reasons
 
@@ -85,9 +89,10 @@ def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str,
     finished = [job for job in jobs if job["status"] == "ok"]
     finished.sort(key=lambda job: str(job["run"]))  # the names of runs begin with their time, so the newest is last
     newest = _Newest.of(finished, published)
+    outside = cache(from_outside)  # which reads what every installed package says of itself
     reasons_by_job = {}
     for job in finished:
-        reasons = newest.obstacles(job)
+        reasons = newest.obstacles(job, outside)
         if reasons:
             reasons_by_job[job["job"]] = ", ".join(reasons)
     return reasons_by_job

@@ -7,6 +7,7 @@ import ast
 import importlib.util
 import re
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -158,13 +159,14 @@ def first_line(module: str, class_name: str = "") -> str:
     return _docstring(module, class_name).split("\n")[0]
 
 
-def current_versions(codec: str, recipe: str = "") -> dict[str, int]:
+def current_versions(codec: str, recipe: str = "", entries: Mapping[str, EntryPoint] | None = None) -> dict[str, int]:
     """The installed `version` of a codec, and that of the `store` of textures, as a fit key names them.
 
     If the recipe has a version of its own, `version` is that. Both are read from the source.
-    Empty if no such codec is installed, or if its source does not state its version as a number.
+    Empty if no such codec is installed, or if its source does not state its version as a number. `entries` are those of
+    `codec_entries`, for who has them.
     """
-    entry = codec_entries().get(codec)
+    entry = (codec_entries() if entries is None else entries).get(codec)
     if entry is None:
         return {}
     module, _, class_name = entry.value.partition(":")

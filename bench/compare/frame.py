@@ -31,8 +31,7 @@ from typing import Any
 import pandas as pd
 
 from bench.codecs.alike import obstacles, stale
-from bench.compare.choosing import gpu_times
-from bench.compare.choosing.budgets import EAGER, FUSED, line_of, setting_of, times_of
+from bench.compare.choosing import fused_times, gpu_times
 from bench.records import (
     PSNR,
     FitKey,
@@ -41,12 +40,14 @@ from bench.records import (
     Run,
     RunStart,
     Timing,
+    TradeChoice,
     fitted_to_scene,
     flattened,
     kind_of,
     load_run,
 )
 
+EAGER, FUSED = "eager", "fused"  # kinds of times of a query
 _START_TIME = "%Y%m%dT%H%M%S.%f"
 _NEEDED = ("run", "score_key")  # fields of a finished job without which nothing says whether it is comparable
 _COSTS = {  # columns that are no metrics: unit; lower is better
@@ -83,9 +84,26 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
     return _framed(rows, [job for run in runs.values() for job in run.jobs])
 
 
-def frame_of(run: Run) -> pd.DataFrame:
-    """The jobs of a run, or of several that were loaded as one, in its order."""
-    return _framed(list(_rows(run, gpu_times(run))), run.jobs)
+def frame_of(run: Run, records: bool = True) -> pd.DataFrame:
+    """The jobs of a run, or of several that were loaded as one, in its order; or only the columns before `records`."""
+    return _framed(list(_rows(run, gpu_times(run), records)), run.jobs)
+
+
+def line_of(job: Job) -> str:
+    """The line of a job: its codec's name; a codec as published has its own line."""
+    codec, *_ = str(job["label"]).split()
+    if job.get("settings", {}).get("recipe") == "paper":
+        return f"{codec}, as published"
+    return codec
+
+
+def setting_of(job: Job) -> str:
+    """The settings of a job in words, without those of its line."""
+    _, *words = str(job["label"]).split()  # after the codec's name
+    settings = [word for word in words if word != "recipe=paper"]
+    if not settings:
+        return "default"
+    return " ".join(settings)
 
 
 def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> pd.DataFrame:
@@ -134,14 +152,14 @@ def _units_and_directions(
     return units, directions
 
 
-def _rows(run: Run, on_gpu: Mapping[str, Timing]) -> Iterator[_Row]:
-    """Each job of a run by column; `on_gpu` has the timing of settings on a GPU, by label."""
+def _rows(run: Run, on_gpu: Mapping[str, Timing], records: bool = True) -> Iterator[_Row]:
+    """Each job of a run by column; `on_gpu` has the timing of settings on a GPU, by label. See `frame_of`."""
     starts = {start.get("run"): start for start in reversed(run.starts)}  # files of published records may have none
     surfaces = {job["material"]: kind_of(job) for job in run.jobs if job["status"] == "ok"}
     reasons = _reasons(run)
     versions = stale(run.jobs)
     comparable = [job for job in run.jobs if job["job"] not in reasons]
-    times = times_of(run, comparable)
+    times = _times_of(run, comparable)
     times_on_gpu = {}
     for job in comparable:
         timing = on_gpu.get(job["label"], Timing())
@@ -166,8 +184,8 @@ def _rows(run: Run, on_gpu: Mapping[str, Timing]) -> Iterator[_Row]:
             "stale": versions.get(name, ""),
             "fitted_to_scene": fitted_to_scene(job),
             "bits": _bits(job),
-            "eager": times.get(EAGER, {}).get(name),
-            "fused": times.get(FUSED, {}).get(name),
+            "eager": times[EAGER].get(name),
+            "fused": times[FUSED].get(name),
             "gpu": times_on_gpu.get(name),
             "fit_seconds": job.get("fit_seconds"),
             "codec_version": fit.get("version"),
@@ -181,7 +199,27 @@ def _rows(run: Run, on_gpu: Mapping[str, Timing]) -> Iterator[_Row]:
             **{f"package/{package}": version for package, version in start.get("packages", {}).items()},
         }
         # First, as the columns of a job's name; and last, because a free field of a record may have such a name, too.
-        yield {**own, **flattened(job, run.timing(job)), **own}
+        yield {**own, **flattened(job, run.timing(job)), **own} if records else own
+
+
+def _times_of(run: Run, jobs: Sequence[Job]) -> dict[str, dict[str, float]]:
+    """The times of a query by kind and name of job, × floor: the upper ends of 95 % intervals.
+
+    Where settings were timed apart from surfaces, on one machine, no other eager times count.
+    """
+    names = {job["job"] for job in jobs}
+
+    def upper(records: Iterable[Timing | TradeChoice]) -> dict[str, float]:
+        """The upper end of the interval of each job's time."""
+        timed = [record for record in records if record["job"] in names and "ratio_interval95" in record]
+        return {record["job"]: float(record["ratio_interval95"][1]) for record in timed}
+
+    of_settings = {}
+    for job in jobs:
+        timing = run.setting_timing(job)
+        if timing and "ratio_interval95" in timing:
+            of_settings[job["job"]] = float(timing["ratio_interval95"][1])
+    return {EAGER: of_settings or upper(run.timings), FUSED: upper(fused_times(run).values())}
 
 
 def _reasons(run: Run) -> dict[str, str]:

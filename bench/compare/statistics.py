@@ -129,16 +129,21 @@ def interval_over_surfaces(drawn: np.ndarray) -> tuple[float, float]:
     from scipy.special import ndtr, stdtrit  # slow to import, and needed only here
 
     count, draws = drawn.shape
-    rng = np.random.default_rng(SEED)
-    # Each resample draws as many surfaces as there are, and of each of these one draw of its seeds.
-    surfaces = rng.integers(0, count, (RESAMPLES, count))
-    seeds = rng.integers(0, draws, surfaces.shape)
-    means = drawn[surfaces, seeds].mean(1)
+    means = drawn[_draws_of_surfaces_and_seeds(count, draws)].mean(1)
     tail = 2.5  # per cent below and above the interval; of a single surface, whose seeds alone are drawn
     if count > 1:
         tail = 100 * float(ndtr(-stdtrit(count - 1, 0.975) * math.sqrt(count / (count - 1))))
     low, high = np.percentile(means, [tail, 100 - tail])
     return float(low), float(high)
+
+
+@lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many surfaces and seeds
+def _draws_of_surfaces_and_seeds(count: int, draws: int) -> tuple[np.ndarray, np.ndarray]:
+    """For each resample as many of `count` surfaces, and of each of these one of the `draws` of its seeds; each
+    (RESAMPLES, count)."""
+    rng = np.random.default_rng(SEED)
+    surfaces = rng.integers(0, count, (RESAMPLES, count))
+    return surfaces, rng.integers(0, draws, surfaces.shape)
 
 
 def interval_over_slices(differences: Sequence[np.ndarray], pairs: Sequence[str]) -> tuple[float, float]:

@@ -28,7 +28,6 @@ from bench.records.meaning import (
     SCENE_HELDOUT,
     SSIM,
     VALIDATION,
-    by_kind,
     by_row,
     deciding_group,
     fitted_to_scene,

@@ -64,6 +64,8 @@ def field_kind(hint: Any) -> Kind:
         return Several(field_kind(arguments[0]))
     if type(None) in arguments:  # `X | None`
         plain: Any = field_kind(arguments[0])
+        if plain is kinds.NUMBER:  # by far the most: a run has hundreds of thousands
+            return kinds.NUMBER_OR_NULL
         return Plain(f"{plain.words} or null", lambda value: value is None or plain.test(value))
     kind_of_plain_type: dict[Any, Kind] = {bool: kinds.FLAG, Any: kinds.ANYTHING}
     return kind_of_plain_type[hint]

@@ -60,6 +60,13 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
 
 
+def _is_number_or_null(value: Any) -> bool:
+    """Whether a value is such a number, or null."""
+    if value.__class__ is float:  # the common case, without another call
+        return -LARGEST <= value <= LARGEST
+    return value is None or _is_number(value)
+
+
 def _is_count(value: Any) -> bool:
     """Whether a value is a whole number from 0 to `WHOLE`; true and false are none."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= WHOLE
@@ -71,6 +78,7 @@ def _is_text(value: Any) -> bool:
 
 
 NUMBER = Plain("a finite number", _is_number)
+NUMBER_OR_NULL = Plain(f"{NUMBER.words} or null", _is_number_or_null)
 POSITIVE = Plain("a finite number > 0", lambda value: _is_number(value) and value > 0)
 NOT_NEGATIVE = Plain("a finite number ≥ 0", lambda value: _is_number(value) and value >= 0)
 COSINE = Plain("a number from 0 to 1", lambda value: _is_number(value) and 0 <= value <= 1)
@@ -143,7 +151,11 @@ def _fault_in_object(kind: Kind, value: Mapping[str, Any], place: str, depth: in
         # The common case is tested here, without a call: it occurs thousands of times a run.
         if kind_of_item.__class__ is Plain and kind_of_item is not ANYTHING and kind_of_item.test(item):
             continue
-        fault = fault_of(kind_of_item, item, f"{place}/{name:.60}", depth + 1)
+        of_item = f"{place}/{name:.60}"
+        if item.__class__ is dict and kind_of_item.__class__ in (Each, Fields) and depth < DEEPEST:  # common, too
+            fault = _fault_in_object(kind_of_item, item, of_item, depth + 1)
+        else:
+            fault = fault_of(kind_of_item, item, of_item, depth + 1)
         if fault:
             return fault
     return ""

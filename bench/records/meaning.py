@@ -74,12 +74,6 @@ def kind_order(kind: str) -> int:
     return KINDS.index(kind) if kind in KINDS else len(KINDS)
 
 
-def by_kind(surfaces: Mapping[str, Job]) -> dict[str, list[str]]:
-    """The names of surfaces by kind, in the order of kinds. `surfaces` has a job of each by its name."""
-    names_of_kind = grouped(surfaces, lambda name: kind_of(surfaces[name]))
-    return {kind: names_of_kind[kind] for kind in sorted(names_of_kind, key=kind_order)}
-
-
 def pictures_are_free(job: Job) -> bool:
     """Whether pictures of a job's surface may be published: what its data say, or else of all but measured ones."""
     return bool(job.get("provenance", {}).get("free", kind_of(job) != MEASURED))

@@ -11,7 +11,6 @@ the truth and some codecs' answers at one pair of view and light. A *recipe* is 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from bench.compare.choosing.budgets import ENOUGH
 from bench.records import kind_of, kind_order, pictures_are_free
 from reports import series
 from reports.board import tables
@@ -24,6 +23,7 @@ from reports.leads import leads
 from reports.live import Live, by_psnr
 from reports.page import Page, Picture, document
 from reports.rows import MaterialRows
+from reports.rungs import ENOUGH
 from reports.table import Table
 from reports.tables import all_tables
 

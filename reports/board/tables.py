@@ -9,16 +9,15 @@ A slice is *exact* if it has no error. A codec's *place* is one comparison: its 
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from statistics import fmean
+from typing import Any, NamedTuple
 
-from bench.compare.choosing.budgets import budgets, mean_bytes
-from bench.compare.choosing.curves import hulls
-from bench.compare.choosing.within import reached
 from reports import columns
 from reports.board.sources import STATES, Publication
-from reports.budgets import in_words
+from reports.front import in_words
 from reports.numbers import EXACT, NONE, fixed, integer, signed
 from reports.rows import MaterialRows, Row
+from reports.rungs import BYTES, rungs_of
 from reports.table import Table
 
 # Of where a row is from: whose word it is, seed, hash of the codec file, revisions of the code, machine, and day.
@@ -155,7 +154,7 @@ def _of_all_settings(source: Publication) -> Iterator[Comparison]:
                 continue
             psnr = math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
             if psnr is not None:  # the records may lack it
-                size = mean_bytes([row.job for row in codec.measured])
+                size = round(fmean(row.job["bytes"]["total"] for row in codec.measured))
                 candidates.append(Candidate(codec_of(codec.rows[0]), Entry(codec.label, size, psnr)))
         yield Comparison(material.name, source.name, candidates)
 
@@ -175,17 +174,21 @@ def _psnr(entry: Entry) -> float:
 
 def _at_budgets(source: Publication) -> Iterator[Comparison]:
     """The comparison on each surface at each budget, by what each line reaches within it at test pairs."""
-    result = budgets(source.run)
-    points = hulls(result, result.surfaces)
-    for budget in result.limits:
-        for material, job in result.surfaces.items():
-            height, width = job["shape"]
+    rungs = rungs_of(source.run)
+    for budget in rungs.limits:
+        for material in rungs.surfaces:
+            height, width = rungs.shapes[material]
             candidates = []
-            for line, by_material in reached(result, points, budget, [material]).items():
-                mine = by_material[material]
-                size = round(mine.bits * height * width / 8)  # bytes
+            picks: Any = rungs.picks(budget, [material])[material].to_dict()
+            found: Any = rungs.reached(budget, [material])[material].to_dict()
+            for line, psnr in found.items():
+                hull = rungs.hulls.get(line, {}).get(material)
+                if budget.kind == BYTES and hull:
+                    bits = min(budget.most, 2 ** hull.sizes[-1])
+                else:
+                    bits = rungs.frame["bits"].tolist()[picks[line]]
                 codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
-                candidates.append(Candidate(codec, Entry(line, size, mine.value)))
+                candidates.append(Candidate(codec, Entry(line, round(bits * height * width / 8), psnr)))
             yield Comparison(material, f"{source.name}, {in_words(budget)}", candidates)
 
 

@@ -15,13 +15,13 @@ from math import prod
 import numpy as np
 from matplotlib.colors import Normalize
 
-from bench.compare.choosing.budgets import Budget, budgets
 from bench.metrics import stats_of
-from bench.records import FLIP, PSNR, Job, Run, by_kind
+from bench.records import FLIP, PSNR, Job, Run
 from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
 from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material, short, style
 from reports.numbers import fixed
 from reports.rows import MaterialRows, Row
+from reports.rungs import Budget, rungs_of
 
 CELL = 128  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
 # In pixels: between pictures, and the margins, which hold texts.
@@ -111,11 +111,12 @@ def strip(run: Run, budget: Budget) -> Figure | None:
     surfaces. Of its stored slices the one is shown at which the best codec has its median PSNR. None if there is no
     such surface.
     """
-    result = budgets(run)
-    for material in chain.from_iterable(by_kind(result.surfaces).values()):
+    rungs = rungs_of(run)
+    jobs_by_name = {job["job"]: job for job in run.jobs}
+    for material in chain.from_iterable(rungs.kinds.values()):
         # Of each line, a codec or a codec as published: the setting that fits the budget best, by its first seed.
-        picked = result.picks(budget, [material])
-        jobs = [picked[line][material].of[0] for line in result.ranked(budget, [material])]
+        picked = rungs.frame.loc[rungs.picks(budget, [material])[material]]
+        jobs = [jobs_by_name[name] for name in picked.sort_values("psnr", ascending=False, kind="stable")["job"]]
         with_pictures = []
         for job in jobs:
             pictures = arrays(run.folder, job, "pictures")

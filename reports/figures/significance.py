@@ -4,23 +4,21 @@ A *slice* is one picture of a material: all texels at one pair of view and light
 of their PSNR in dB on the same slices, as a mean with a 95 % interval. Two codecs are *told apart* if equal ones would
 hardly differ as much; that is said only of `FEWEST` materials or more. A *surface* is a material. A *line* is a codec,
 or a codec as published. Its *rank* on a surface is its place by what it reaches within a budget of bytes, see
-`bench.compare.choosing.within`.
+`reports.rungs`.
 """
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from bench.compare.choosing.budgets import ENOUGH, budgets
-from bench.compare.choosing.curves import hulls
-from bench.compare.choosing.within import mean_ranks
 from bench.compare.paired import Interval
 from bench.compare.statistics import FEWEST
 from bench.records import Run
-from reports.budgets import in_words
 from reports.figures.canvas import Figure, new, png, short, style
+from reports.front import in_words, mean_ranks
 from reports.numbers import interval
 from reports.ranking import against_one
 from reports.rows import materials
+from reports.rungs import ENOUGH, rungs_of
 from reports.styles import Styles
 
 Differences = Mapping[str, Interval]  # by label, a codec with its settings: its difference to one other codec
@@ -106,8 +104,7 @@ def critical_differences(run: Run) -> Iterator[Figure]:
 
     There are ranks if two lines or more reach the budget `ENOUGH` on each of three surfaces or more.
     """
-    result = budgets(run)
-    ranking = mean_ranks(result, hulls(result, result.surfaces))
+    ranking = mean_ranks(rungs_of(run))
     if not ranking:
         return
     title = f"Mean ranks over surfaces at {in_words(ENOUGH)}"

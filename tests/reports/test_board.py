@@ -15,13 +15,13 @@ from bench import cli
 from bench.btf import BAKED, RENDERED
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
-from bench.compare.choosing.budgets import BYTES, Budget
 from bench.conformance.check import tiny_btf
 from bench.program.recording import program_of
 from bench.records import append, load_run
 from reports.board import Codec, Publication, write_site
 from reports.board.sources import page_name
 from reports.figures.contact import strip
+from reports.rungs import BYTES, Budget
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = ('"><script>bad()</script>', "</script><script>bad()</script>", "' onerror='bad()", "../../up", "\ud800")

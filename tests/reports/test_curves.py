@@ -1,9 +1,8 @@
 """The tables of curves: Bjøntegaard's differences, and three metrics at one size."""
 
 from bench.records import FLIP, PSNR, SSIM
-from reports.curves import curves_tables
-from tests.bench.compare.choosing.test_budgets import run_of
-from tests.bench.compare.choosing.test_curves import at_bits
+from reports.front import curves_tables
+from tests.reports.test_rungs import at_bits, run_of
 
 
 def rungs(codec, material, ahead, **more):

@@ -1,4 +1,4 @@
-from bench.compare.choosing.budgets import EAGER, budgets
+from bench.compare.frame import EAGER, frame_of
 from bench.records import append, load_run
 from bench.records.schema import setting_name
 from reports import table_text
@@ -14,13 +14,13 @@ def test_budgets_use_the_times_of_settings_alone_where_there_are_any(made):
     for label, flops in (("relief", 100), ("relief bits=2", 140), ("pca", 50)):
         cost = {"flops_per_sample": flops, "texture_channels": 1}
         made.job(label, "satin", scores=scores, cost=cost).timing(label, "satin", ratio_interval95=[90.0, 99.0])
-    assert set(budgets(load_run(made.folder)).times[EAGER].values()) == {99.0}
+    assert set(frame_of(load_run(made.folder))[EAGER]) == {99.0}
 
     for label, flops, upper in (("relief", 100, 8.0), ("relief", 140, 12.0), ("relief bits=2", 140, 13.0)):
         more = {"flops": flops, "rounds": [7.0, 8.0], "ratio_to_floor": 7.5, "ratio_interval95": [7.0, upper]}
         append(made.folder, {"kind": "timing", "job": setting_name(label, flops), "label": label} | CONDITIONS | more)
-    times = budgets(load_run(made.folder)).times[EAGER]
-    assert times == {"satin/relief/0": 8.0, "satin/relief bits=2/0": 13.0}
+    times = frame_of(load_run(made.folder)).set_index("job")[EAGER].dropna()
+    assert times.to_dict() == {"satin/relief/0": 8.0, "satin/relief bits=2/0": 13.0}
     shown = table_text(made.folder, kind="times")
     assert shown.count("relief") == 3
     assert "pca" not in shown

@@ -23,7 +23,6 @@ from typing import cast
 from bench.cli.commands import several
 from bench.codecs.registry import codec_entries
 from bench.compare.choosing import fused_times, gpu_times
-from bench.conformance.verdicts import count
 from bench.inputs.errors import FINE, NOTHING, InputError, did_you_mean, visible
 from bench.records import FILE, STRESS, Run, Timing, load_together, require
 from bench.runs.suite import load_suite
@@ -120,6 +119,8 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
                 timed["ns"]["gpu"] = quickest["ns_per_sample"]
                 timed["gpu"] = quickest["gpu"]
             jobs.append(timed)
+    from bench.conformance.verdicts import count  # it imports PyTorch, which no other table needs
+
     counted = [cast(TimedJob, count(name)) for name in PUBLISHED if name in codec_entries()]
     return parameters_text([*counted, *jobs], format, choice)
 

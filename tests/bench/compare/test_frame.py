@@ -6,12 +6,11 @@ import pytest
 
 import bench
 from bench.codecs.registry import current_versions
-from bench.compare.choosing.budgets import EAGER
-from bench.compare.frame import frame_of
+from bench.compare.frame import EAGER, frame_of
 from bench.records import TRADE, append, load_run, load_together
 from bench.records.lines import TRADE_FORMAT
 from bench.records.schema import setting_name
-from reports.budgets import front_table
+from reports.front import front_table
 from reports.numbers import fixed, signed, significant
 from reports.tables import all_tables
 

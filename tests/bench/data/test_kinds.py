@@ -12,7 +12,8 @@ from bench.data.kinds import kind_of
 from bench.data.open import draw_of, open_material, open_named
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
-from bench.records import by_kind, load_run, pictures_are_free
+from bench.records import kind_of as kind_of_job
+from bench.records import load_run, pictures_are_free
 from bench.runs.runner import Options, run
 from bench.runs.suite import parse_suite
 from reports import table_text
@@ -77,7 +78,7 @@ def test_a_kind_of_one_file_is_opened_run_and_told_in_tables(board: Path, tmp_pa
     list(run(parse_suite("boards", text), Options(folder)))
     (job,) = load_run(folder).jobs
     assert job["status"] == "ok"
-    assert by_kind({"board": job, "cloth": {"provenance": {}}}) == {"measured": ["cloth"], "printed": ["board"]}
+    assert (kind_of_job(job), kind_of_job({"provenance": {}})) == ("printed", "measured")
     assert pictures_are_free(job)
     assert "mean-colour" in table_text(folder, kind="main")
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.compare.choosing.budgets import EAGER, budgets
-from bench.compare.choosing.curves import hulls, mean_at
-from bench.records import kind_of, load_run
+from bench.compare.frame import EAGER
+from bench.records import load_run
 from reports import figures
 from reports.artefacts import arrays, program
 from reports.figures import contact, latents
 from reports.figures.canvas import Figure, Sheet
+from reports.rungs import rungs_of
 from reports.series import plots_of
 
 
@@ -35,19 +35,18 @@ OF_ANY_RUN = [draw for kind, draw in figures.ALL.items() if kind not in ("ranks"
 def test_fronts_hold_what_is_read_off_curves_and_the_rungs_within_times():
     run = load_run(Path(__file__).parents[3] / "docs/results/budgets.jsonl")
     drawn = {figure.kind: figure.drawing for figure in figures.ALL["fronts"](run)}
-    result = budgets(run)
-    names = [name for name, job in result.surfaces.items() if kind_of(job) == "measured"]
+    rungs = rungs_of(run)
+    names = rungs.kinds["measured"]
     by_size, by_time = (
         [dict(zip(*line.get_data(), strict=True)) for line in axes.lines] for axes in drawn["fronts-measured"].axes
     )
-    points = hulls(result, names)
     for codec in ("neubtf-direct", "pca"):
-        read = {bits: mean_at(points[codec], names, bits) for bits in (8, 16, 32, 64)}
-        reached = {bits: value for bits, value in read.items() if value is not None}
+        read = {bits: rungs.read(bits).loc[codec, names].mean(skipna=False) for bits in (8, 16, 32, 64)}
+        reached = {bits: pytest.approx(value) for bits, value in read.items() if not np.isnan(value)}
         assert len(reached) > 1
-        assert any(reached.items() <= curve.items() for curve in by_size)
-        times = [budget for budget in result.limits if budget.kind == EAGER]
-        ranked = {budget.most: result.ranked(budget, names).get(codec) for budget in times}
+        assert any(all(curve.get(bits) == value for bits, value in reached.items()) for curve in by_size)
+        times = [budget for budget in rungs.limits if budget.kind == EAGER]
+        ranked = {budget.most: rungs.ranked(budget, names).get(codec) for budget in times}
         assert {most: value for most, value in ranked.items() if value is not None} in by_time
 
 

@@ -2,7 +2,7 @@ import pytest
 
 from bench.records import load_run
 from reports import figures, table_text
-from reports.budgets import TABLES
+from reports.front import TABLES
 
 SIZE = 8 * 8 // 8  # bytes of one bit a texel
 

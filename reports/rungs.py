@@ -1,0 +1,414 @@
+"""The rungs of a run, the curves that they make, and what is read off these: numbers for tables and figures.
+
+A *rung* is one setting of a codec, as measured with one seed or several. A *line* is a codec, by its name; a codec as
+its paper publishes it is a line of its own, "neumip, as published". A *surface* is a material. A *budget* is a limit on
+the bytes of a file, on the time of a query or on the time of a fit. Rungs are chosen by *validation* pairs of
+directions, and shown with their scores at *test* pairs. The *curve* of a line on a surface joins its rungs on the upper
+convex hull of validation PSNR over log bytes; from the best rung it goes on level to the largest that was measured,
+since a file may be smaller than it may be. It is never extrapolated. docs/metrics.md has the rules.
+
+Tables of lines have a row a line and a column a surface, with NaN where a line has no value.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from statistics import fmean
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from bench.compare.choosing import has_validation, validation_of
+from bench.compare.frame import EAGER, FUSED, frame_of
+from bench.compare.paired import AGAINST
+from bench.compare.statistics import (
+    Curve,
+    at,
+    bd_psnr,
+    chance_if_equal,
+    interval_over_surfaces,
+    told_by_holm,
+    upper_hull,
+)
+from bench.metrics import stats_of
+from bench.records import FLIP, PSNR, SSIM, Job, Records, Run, fitted_to_scene, kind_order, view
+
+BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
+TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
+SECONDS = (10, 100, 1000)  # of a processor, of a fit
+BYTES, FIT = "bytes", "fit"  # kinds of budgets, beside those of times of a query
+LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
+LEAST_SURFACES = 10  # below which no lead is told apart
+DRAWS = 200  # draws of the seeds of each rung, of those that have several
+FOOTPRINTS = ("1", "2", "4", "8")  # texels a side of a pixel, as records name them
+# The scores of a rung at test pairs, by name of their column: family of the metric, and statistic over slices.
+_TEST = {"psnr": (PSNR, "mean"), "pooled": (PSNR, "pooled"), "ssim": (SSIM, "mean"), "flip": (FLIP, "mean")}
+_SCORES = ["validation", *_TEST, *FOOTPRINTS]
+_COSTS = ["total", EAGER, FUSED, FIT]
+
+
+class Budget(NamedTuple):
+    """A limit: bits a texel (`bytes`), a query's time, × floor (`eager`, `fused`), or processor seconds of a `fit`."""
+
+    kind: str
+    most: float
+
+
+ENOUGH = Budget(BYTES, 32)  # the budget of ranks, and for questions about a single material or metric
+
+
+class Hull(NamedTuple):
+    """A curve by its rungs: log2 of bits a texel, which ascend, and the rungs by number; the last may stand twice."""
+
+    sizes: list[float]
+    rungs: list[int]
+
+    @property
+    def once(self) -> list[int]:
+        """Its rungs, each once."""
+        return list(dict.fromkeys(self.rungs))
+
+
+class _Places(NamedTuple):
+    """Of each rung, (rungs,), the numbers of its line, of its setting and of its surface; and the names by number."""
+
+    line: np.ndarray
+    setting: np.ndarray
+    surface: np.ndarray
+    lines: list[str]
+    surfaces: list[str]
+
+
+class Summary(NamedTuple):
+    """A difference over surfaces: mean, median, on how many it is above 0, and the 95 % interval of the mean."""
+
+    mean: float
+    median: float
+    won: int
+    surfaces: int
+    low: float
+    high: float
+
+    @property
+    def apart(self) -> bool:
+        """Whether there are enough surfaces, and the interval leaves out 0."""
+        return self.surfaces >= LEAST_SURFACES and not self.low <= 0 <= self.high
+
+
+@dataclass(frozen=True)
+class Rungs:
+    """The rungs of a run and its curves; `without` and `unlike` are the jobs that are left out.
+
+    `frame` has a row a rung, numbered from 0: `line`, `label`, `setting`, `material`, `job` (of its first seed), `bits`
+    a texel and means over seeds: `total` bytes, `validation` PSNR, scores at test pairs `psnr`, `pooled`, `ssim`,
+    `flip`, PSNR by footprint `1` to `8`, times `eager`, `fused` and `fit`; and `seeds`, the PSNR of each.
+    """
+
+    frame: pd.DataFrame
+    surfaces: dict[str, str]  # the kind of each material that has a rung at some budget, in the order of records
+    shapes: dict[str, tuple[int, int]]  # of each material: height and width in texels
+    stale: Mapping[tuple[str, str], str]  # by line and material: why its numbers cannot be made again, in words
+    without: list[Job]  # without a score of validation pairs
+    unlike: list[Job]  # not comparable with the published ones of their material, or else with the newest
+
+    @property
+    def times(self) -> list[str]:
+        """The kinds of times that were measured."""
+        return [kind for kind in (EAGER, FUSED, FIT) if self.frame[kind].notna().any()]
+
+    @property
+    def limits(self) -> list[Budget]:
+        """The budgets: those of bytes first, then of each kind of time that was measured; those of a kind ascend."""
+        limits = [Budget(BYTES, most) for most in BITS]
+        for kind in self.times:
+            limits += [Budget(kind, most) for most in (SECONDS if kind == FIT else TIMES)]
+        return limits
+
+    @property
+    def kinds(self) -> dict[str, list[str]]:
+        """The surfaces by kind, in the order of kinds."""
+        kinds = sorted(dict.fromkeys(self.surfaces.values()), key=kind_order)
+        return {kind: [name for name, own in self.surfaces.items() if own == kind] for kind in kinds}
+
+    @cached_property
+    def hulls(self) -> dict[str, dict[str, Hull]]:
+        """By line and surface: its curve, where it has rungs enough."""
+        found: dict[str, dict[str, Hull]] = {}
+        sizes = np.log2(self.frame["bits"]).tolist()
+        scores = self.frame["validation"].tolist()
+        by_curve: dict[Any, Any] = self.frame.groupby(["line", "material"], sort=False).indices
+        for (line, surface), rungs in by_curve.items():
+            if len(rungs) < LEAST_RUNGS or surface not in self.surfaces:
+                continue
+            picked = [int(rungs[i]) for i in upper_hull([sizes[i] for i in rungs], [scores[i] for i in rungs])]
+            hull = Hull([sizes[i] for i in picked], picked)
+            largest = max(sizes[i] for i in rungs)
+            if largest > hull.sizes[-1]:  # it goes on level
+                hull.sizes.append(largest)
+                hull.rungs.append(picked[-1])
+            if len(hull.sizes) > 1:  # a single point is no curve
+                found.setdefault(line, {})[surface] = hull
+        return found
+
+    @cached_property
+    def _seeds(self) -> list[list[float]]:
+        """The PSNR of each seed, by number of a rung."""
+        return self.frame["seeds"].tolist()
+
+    @cached_property
+    def _columns(self) -> dict[str, np.ndarray]:
+        """The numbers of all rungs, (rungs,), by name of their column."""
+        return {name: self.frame[name].to_numpy(float) for name in ("bits", *_COSTS, *_SCORES)}
+
+    @cached_property
+    def _places(self) -> _Places:
+        """Which line, setting and surface each rung is of."""
+        line, lines = pd.factorize(self.frame["line"])
+        surface, surfaces = pd.factorize(self.frame["material"])
+        setting = self.frame.groupby(["line", "label"], sort=False).ngroup().to_numpy(int)
+        return _Places(line, setting, surface, list(lines), list(surfaces))
+
+    def curve(self, hull: Hull, score: str = "psnr") -> Curve | None:
+        """The curve of a score at test pairs; None if one of its rungs was not scored so."""
+        values = self._columns[score][hull.rungs]
+        return None if np.isnan(values).any() else Curve(hull.sizes, values.tolist())
+
+    def read(self, bits: float, score: str = "psnr", to_end: bool = False) -> pd.DataFrame:
+        """What lines with curves have at a size, by line and surface.
+
+        With `to_end`, a curve that ends below the size counts by its end: a smaller file meets a larger limit, too.
+        """
+        size = float(np.log2(bits))
+        found: dict[str, dict[str, float | None]] = {}
+        for line, by_surface in self.hulls.items():
+            found[line] = {}
+            for surface, hull in by_surface.items():
+                curve = self.curve(hull, score)
+                if curve:
+                    found[line][surface] = at(curve, min(size, hull.sizes[-1]) if to_end else size)
+        return pd.DataFrame.from_dict(found, orient="index", columns=list(self.surfaces), dtype=float)
+
+    def picks(self, budget: Budget, surfaces: Sequence[str]) -> pd.DataFrame:
+        """By line and surface: the number of the best rung by validation pairs that fits the budget.
+
+        It is of the settings measured on all of the surfaces. Ties go to the smaller file, then to the faster query,
+        then to the first. Lines without such a rung on each surface are left out.
+        """
+        places = self._places
+        columns = [places.surfaces.index(name) for name in surfaces]
+        wanted = np.isin(places.surface, columns)
+        common = np.bincount(places.setting[wanted], minlength=len(self.frame))[places.setting] == len(surfaces)
+        cost = "bits" if budget.kind == BYTES else budget.kind
+        fits = wanted & common & (self._columns[cost] <= budget.most)
+        # From the best on, so that the first of each line and surface is the one.
+        ties = [self._columns[name] for name in dict.fromkeys([cost, "bits"])]
+        best_first = np.lexsort([*ties, -self._columns["validation"]])
+        best_first = best_first[fits[best_first]]
+        of_cells = places.line[best_first] * len(places.surfaces) + places.surface[best_first]
+        cells, first = np.unique(of_cells, return_index=True)
+        table = np.full((len(places.lines), len(places.surfaces)), -1)
+        table.flat[cells] = best_first[first]
+        table = table[:, columns]
+        full = np.flatnonzero((table >= 0).all(1))
+        return pd.DataFrame(table[full], [places.lines[number] for number in full], [*surfaces])
+
+    def of_picks(self, picks: pd.DataFrame, score: str = "psnr") -> pd.DataFrame:
+        """A column of the rungs that `picks` names, by line and surface."""
+        return pd.DataFrame(self.frame[score].to_numpy()[picks.to_numpy(int)], picks.index, picks.columns)
+
+    def reached(self, budget: Budget, surfaces: Sequence[str], score: str = "psnr") -> pd.DataFrame:
+        """What lines reach within a budget, by line and surface, of those that reach something on each.
+
+        Within a size it is read off curves, up to their ends, so that no step of a ladder decides; within a time, and
+        for a line without curves, it is that of the rung that is chosen.
+        """
+        found = self.of_picks(self.picks(budget, surfaces), score).dropna()
+        if budget.kind != BYTES:  # no curve leads from one time to another
+            return found
+        read = self.read(budget.most, score, to_end=True)[[*surfaces]].dropna()
+        return pd.concat([found[~found.index.isin(read.index)], read]).reindex(
+            found.index.union(read.index, sort=False)
+        )
+
+    def ranked(self, budget: Budget, surfaces: Sequence[str], score: str = "psnr") -> pd.Series:
+        """By line: the mean over surfaces of what it reaches within a budget, the best first."""
+        return mean_over(self.reached(budget, surfaces, score)).sort_values(ascending=score == "flip", kind="stable")
+
+    def readings(self, budget: Budget, surfaces: Sequence[str]) -> pd.DataFrame:
+        """By line: its mean PSNR over surfaces at a size, `value`, the best first; without lines that do not reach it.
+
+        `bound`: it has no curve there, so this is of the best rungs within the size; with a rung of just this size it
+        might have more. Within a time it is that of the best rungs in time, and no bound.
+        """
+        of_rungs = mean_over(self.of_picks(self.picks(budget, surfaces))).dropna()
+        found = pd.DataFrame({"value": of_rungs, "bound": budget.kind == BYTES})
+        if budget.kind == BYTES:
+            curved = [line for line, on in self.hulls.items() if on.keys() & set(surfaces)]
+            read = mean_over(self.read(budget.most)[[*surfaces]]).dropna()
+            without = found[~found.index.isin(curved)]
+            found = pd.concat([without, pd.DataFrame({"value": read, "bound": False})])
+        return found.sort_values("value", ascending=False, kind="stable")
+
+    def told_apart(self, budget: Budget, surfaces: Sequence[str]) -> set[str]:
+        """The lines with a rung on each surface whose differences over these tell them apart from `AGAINST`."""
+        scores = self.of_picks(self.picks(budget, surfaces)).dropna()
+        if AGAINST not in scores.index:
+            return set()
+        gaps = scores.drop(index=AGAINST) - scores.loc[AGAINST]
+        return set(gaps.index[told_by_holm([chance_if_equal(row) for row in gaps.to_numpy()])])
+
+    def lead(self, line: str) -> Summary | None:
+        """How far a line is ahead of `AGAINST` at equal bytes: BD-PSNR over surfaces.
+
+        Of a line without curves, each rung is compared with the other's curve at its own bytes. None for `AGAINST`
+        itself, and where they share no bytes.
+        """
+        if line == AGAINST:
+            return None
+        drawn = self._drawn_gaps(line) if line in self.hulls else self._gaps_of_rungs(line)
+        return summarised(drawn) if drawn else None
+
+    @cached_property
+    def gaps(self) -> pd.DataFrame:
+        """By line and surface: BD-PSNR to `AGAINST`, where both have curves that share bytes."""
+        others = self.hulls.get(AGAINST, {})
+        found: dict[str, dict[str, float | None]] = {}
+        for line, by_surface in self.hulls.items():
+            found[line] = {}
+            for surface in by_surface.keys() & others.keys():
+                ours, theirs = self.curve(by_surface[surface]), self.curve(others[surface])
+                if ours and theirs:
+                    found[line][surface] = bd_psnr(ours, theirs)
+        return pd.DataFrame.from_dict(found, orient="index", columns=list(self.surfaces), dtype=float)
+
+    def _drawn_gaps(self, line: str) -> dict[str, list[float]]:
+        """By surface: the BD-PSNR of `gaps`, then the same for `DRAWS` draws of the seeds of both lines."""
+        found: dict[str, list[float]] = {}
+        rng = np.random.default_rng(0)
+        gaps = self.gaps.loc[line].dropna()
+        for surface in sorted(gaps.index):
+            found[surface] = [gaps[surface]] * (1 + DRAWS)  # with one seed there is nothing to draw
+            ours, theirs = self.hulls[line][surface], self.hulls[AGAINST][surface]
+            seeds = [self._seeds[rung] for hull in (ours, theirs) for rung in hull.once]
+            if any(len(own) > 1 for own in seeds):
+                found[surface][1:] = (_drawn(seeds, rng) @ _weights(ours, theirs)).tolist()
+        return found
+
+    def _gaps_of_rungs(self, line: str) -> dict[str, list[float]]:
+        """As `gaps`, of a line without curves: the mean gap of its rungs to the curve of `AGAINST`, at their bytes."""
+        found: dict[str, list[float]] = {}
+        rungs = self.frame[self.frame["line"] == line]
+        sizes = np.log2(rungs["bits"])
+        for surface, hull in sorted(self.hulls.get(AGAINST, {}).items()):
+            curve = self.curve(hull)
+            own = rungs["material"] == surface
+            gaps = []
+            for size, psnr in zip(sizes[own].tolist(), rungs.loc[own, "psnr"].tolist(), strict=True):
+                theirs = at(curve, size) if curve else None
+                if theirs is not None and not np.isnan(psnr):
+                    gaps.append(psnr - theirs)
+            if gaps:
+                found[surface] = [fmean(gaps)] * (1 + DRAWS)
+        return found
+
+
+def summarised(gaps: Mapping[str, Sequence[float]]) -> Summary:
+    """The summary of a difference by surface: the difference itself, then that of each of `DRAWS` draws of seeds."""
+    values = np.array(list(gaps.values()))  # (surfaces, 1 + DRAWS)
+    low, high = interval_over_surfaces(values[:, 1:])
+    measured = values[:, 0]
+    won = int((measured > 0).sum())
+    return Summary(float(measured.mean()), float(np.median(measured)), won, len(values), low, high)
+
+
+def _drawn(seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> np.ndarray:
+    """Means over seeds that are drawn with replacement, (`DRAWS`, rungs), given those of each rung."""
+    counts = np.array([len(own) for own in seeds])
+    several = counts[counts > 1]  # of one seed nothing is drawn
+    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))
+    first = np.repeat(np.cumsum([0, *several[:-1]]), several)  # the place of each one's first seed among all
+    values = np.concatenate([own for own in seeds if len(own) > 1])[first + numbers]
+    means = np.tile([own[0] for own in seeds], (DRAWS, 1))
+    means[:, counts > 1] = np.add.reduceat(values, np.unique(first), axis=1) / several
+    return means
+
+
+def _weights(ours: Hull, theirs: Hull) -> np.ndarray:
+    """The weight of each rung of two hulls in their BD-PSNR, (rungs,), which is linear in the values of curves."""
+    rungs = [(0, rung) for rung in ours.once] + [(1, rung) for rung in theirs.once]
+    weights = []
+    for side, rung in rungs:
+        curves = [
+            Curve(hull.sizes, [float((side, rung) == (own, each)) for each in hull.rungs])
+            for own, hull in enumerate((ours, theirs))
+        ]
+        weights.append(bd_psnr(*curves))
+    return np.array(weights, float)
+
+
+def mean_over(table: pd.DataFrame) -> pd.Series:
+    """The mean of each row; NaN where a value is missing, because a mean over fewer surfaces would not compare."""
+    return pd.Series([fmean(row) for row in table.to_numpy()], index=table.index, dtype=float)
+
+
+@view
+def rungs_of(run: Run) -> Rungs:
+    """The rungs of a run: of jobs that were scored at validation pairs, of the whole material, and are comparable."""
+    done = [job for job in run.jobs if job["status"] == "ok" and not fitted_to_scene(job)]
+    scored = {job["job"]: job for job in done if has_validation(job)}
+    without = [job for job in done if job["job"] not in scored]
+    if not scored:
+        names = ["line", "label", "setting", "material", "job", "bits", *_COSTS, *_SCORES, "seeds"]
+        return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, {}, without, [])
+    frame = frame_of(replace(run, jobs=Records(scored)), records=False)
+    unlike = [scored[name] for name in frame.loc[frame["why"] != "", "job"]]
+    values = frame.loc[frame["why"] == "", ["line", "label", "material", "surface", "setting", "job", "stale"]].copy()
+    values[[EAGER, FUSED]] = frame[[EAGER, FUSED]].astype(float)
+    values[FIT] = frame["fit_seconds"].astype(float).replace(0.0, np.nan)
+    jobs = [scored[name] for name in values["job"]]
+    values[["height", "width"]] = [job["shape"] for job in jobs]
+    values["total"] = [job["bytes"]["total"] for job in jobs]
+    values["validation"] = _floats(validation_of(job).get("mean") for job in jobs)
+    for name, (family, statistic) in _TEST.items():
+        values[name] = _floats(stats_of(job, family).get(statistic) for job in jobs)
+    for side in FOOTPRINTS:
+        values[side] = _floats(job.get("footprints", {}).get(side, {}).get("mean") for job in jobs)
+
+    # By label, which names what differs from the defaults: a setting that is added later splits no rung.
+    grouped = values.groupby(["line", "label", "material"], sort=False)
+    rungs = grouped[["setting", "job", "height", "width"]].first()
+    rungs = rungs.join(grouped[[*_SCORES, *_COSTS]].mean())
+    seeds: list[list[float]] = [[] for _ in range(len(rungs))]
+    for rung, psnr in zip(grouped.ngroup().tolist(), values["psnr"].tolist(), strict=True):
+        seeds[rung].append(psnr)
+    rungs["seeds"] = seeds
+    for name in _SCORES:  # a mean of some seeds would not compare
+        rungs.loc[grouped[name].count() < grouped.size(), name] = np.nan
+    rungs = rungs.reset_index()
+    # Lines in the order of records, and of each its settings.
+    order = np.lexsort([pd.factorize(rungs["label"])[0], pd.factorize(rungs["line"])[0]])
+    rungs = rungs.iloc[order].reset_index(drop=True)
+    rungs["total"] = rungs["total"].round()  # the mean of files; the largest would grow with the number of seeds
+    rungs["bits"] = 8 * rungs["total"] / (rungs["height"] * rungs["width"])
+
+    last: Any = values.drop_duplicates("material", keep="last").set_index("material").to_dict("index")
+    stale = values[values["stale"] != ""].drop_duplicates(["line", "material"], keep="last")
+    everything = Rungs(
+        rungs,
+        {material: last[material]["surface"] for material in values["material"].unique()},
+        {name: (int(row["height"]), int(row["width"])) for name, row in last.items()},
+        dict(zip(zip(stale["line"], stale["material"], strict=True), stale["stale"], strict=True)),
+        without,
+        unlike,
+    )
+    fits = rungs["bits"] <= BITS[-1]
+    for kind in (EAGER, FUSED, FIT):
+        fits |= rungs[kind] <= (SECONDS if kind == FIT else TIMES)[-1]
+    within = set(rungs.loc[fits, "material"])
+    return replace(everything, surfaces={name: kind for name, kind in everything.surfaces.items() if name in within})
+
+
+def _floats(values: Iterable[float | None]) -> list[float]:
+    """Numbers with NaN where nothing was measured."""
+    return [np.nan if value is None else value for value in values]

@@ -1,0 +1,116 @@
+"""Writes tables of values as cells: numbers stay numbers until here.
+
+A table of values is a frame with a row for each row of the table. Beside it stand its columns as specifications: where
+the values come from, how they are written, and which end is the better one. Marks such as “≥” come from boolean
+columns of the frame.
+"""
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from math import isfinite, isnan
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from reports.numbers import NONE, fixed, signed, significant
+from reports.table import BOLD, FEW, UNDERLINED, Table
+
+STALE = " †"  # after a codec whose records are of an older version than the installed one
+Row = Mapping[Hashable, Any]  # a row of the frame by column
+
+
+class Column(NamedTuple):
+    """A column of a table: its two lines of header, and how it is written from a column of a frame.
+
+    Values are words, or numbers with NaN where there is none, which is a dash.
+    """
+
+    name: str
+    unit: str  # with an arrow to the better end, if one is; "" without a unit
+    field: str  # the column of the frame
+    digits: int = 1  # decimals; −n: n significant digits
+    signed: bool = False
+    better: str = ""  # "↑" or "↓" where the unit has no arrow but the best is marked all the same
+    before: tuple[str, str] = ("", "")  # a mark before the number, and the boolean column that says where it stands
+    after: tuple[str, str] = ("", "")  # the same, of a mark after it
+    write: Callable[[Row], str] | None = None  # the whole cell of a row, where it is not just a number
+
+    def cell(self, row: Row) -> str:
+        """The cell of a row."""
+        if self.write:
+            return self.write(row)
+        value = row[self.field]
+        if isinstance(value, str):
+            return value
+        if isnan(value):
+            return NONE
+        before = self.before[0] if self.before[1] and row[self.before[1]] else ""
+        after = self.after[0] if self.after[1] and row[self.after[1]] else ""
+        return before + self._number(value) + after
+
+    def rounded(self, value: float) -> float:
+        """A number as it reads when written, so that what reads the same counts as the same."""
+        if not isfinite(value):
+            return value
+        if self.digits >= 0:
+            return round(float(value), self.digits)
+        return float(self._number(value).replace(",", ""))
+
+    def _number(self, value: float) -> str:
+        if self.digits < 0:
+            return significant(value, -self.digits)
+        return signed(value, self.digits) if self.signed else fixed(value, self.digits)
+
+
+def written(
+    kind: str,
+    title: str,
+    values: pd.DataFrame,
+    columns: Sequence[Column],
+    notes: Sequence[str],
+    words: int = 1,
+    material: str = "",
+) -> Table:
+    """The table of cells, for the fields of `Table`, with its best and second best values marked.
+
+    A column `stale` of `values` says in words why the codec of a row, in the column `codec`, cannot be made again, or
+    "": such rows are marked, and a note says why.
+    """
+    rows = []
+    reasons: dict[str, str] = {}  # by codec, whatever its recipe
+    for row in values.to_dict("records"):
+        cells = [column.cell(row) for column in columns]
+        if row.get("stale"):
+            reasons[row["codec"].partition(",")[0]] = row["stale"]
+            place = [column.field for column in columns].index("codec")
+            cells[place] += STALE
+        rows.append(cells)
+    headers = [(column.name, column.unit) for column in columns]
+    all_notes = [*notes]
+    if reasons:
+        in_words = "; ".join(f"{codec}: {reason}" for codec, reason in reasons.items())
+        all_notes.append(f"†: stale, its numbers cannot be made again by the installed version: {in_words}.")
+    marks = {}
+    for number, column in enumerate(columns):
+        marks.update({(row, number): mark for row, mark in _marked(values, column).items()})
+    return Table(kind, title, headers, rows, all_notes, words, material, marks=marks)
+
+
+def _marked(values: pd.DataFrame, column: Column) -> dict[int, str]:
+    """The marks of the best and the second best of a column, by the number of their rows.
+
+    Values that read the same are equally good. There is no mark without two different ones, for those that more than
+    `FEW` rows share, nor for a second best of zero, unless it is a difference.
+    """
+    better = column.better or column.unit[-1:]
+    if better not in ("↑", "↓"):
+        return {}
+    read = [column.rounded(value) for value in values[column.field]]
+    best_first = sorted({value for value in read if not isnan(value)}, reverse=better == "↑")
+    if len(best_first) < 2:
+        return {}
+    marks = {}
+    for value, mark in zip(best_first, (BOLD, UNDERLINED), strict=False):
+        rows = [row for row, own in enumerate(read) if own == value]
+        if len(rows) <= FEW and (mark == BOLD or value or column.signed):
+            marks.update(dict.fromkeys(rows, mark))
+    return marks
