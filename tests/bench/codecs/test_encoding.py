@@ -7,11 +7,14 @@ import threading
 from asyncio import CancelledError
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from baselines.mean_colour import MeanColour
 from bench import cli
+from bench.btf import BTF, ArraySource
 from bench.codec import Fit
+from bench.codecs import loading
 from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, naming_faults, threads_left
 from bench.conformance.check import leaves_the_process, tiny_btf
 from bench.conformance.verdicts import check
@@ -207,3 +210,13 @@ def test_the_command_ends_with_3_and_one_line_and_with_debug_the_traceback(tmp_p
         assert cli.main(["check", name]) == 1
         assert says in capsys.readouterr().out
     assert not Path("a.nbtf").exists()
+
+
+def test_data_with_a_light_below_the_horizon_leave_a_readable_file(tmp_path):
+    like = tiny_btf()
+    wi = like.wi.copy()
+    wi[0, 2] = -wi[0, 2]
+    btf = BTF("below", like.wo, wi, ArraySource(np.stack(list(like))))
+    path = tmp_path / "below.nbtf"
+    fit_to_file(MeanColour(), btf, Fit(), path)
+    assert loading.load(path).header.lowest_light == 0
