@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from bench.records import Job, Run, Stress
     from reports.choice import Choice
     from reports.parameters import TimedJob
@@ -110,6 +112,35 @@ def table_text(
     if not text.strip() and kind != "unfinished":  # what was planned, and has no result, is known without the records
         refuse_damaged(folders)
     return text
+
+
+def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.DataFrame":
+    """The numbers of a kind of table as a frame: a row for each of its rows, NaN where it has a dash.
+
+    `attrs` has the titles, notes, units and better ends. Several tables of a kind stand one below the other, with the
+    title of each as the first level of the index. `runs` are as for `table_text`.
+
+    Raises `InputError` if there is no such table, or the kind is not one of `BY_BUDGET`, whose cells are written from
+    numbers.
+    """
+    import pandas as pd
+
+    from bench.compare.choosing import has_validation
+    from bench.inputs.errors import InputError
+    from bench.records import load_together
+    from reports.tables import all_tables
+
+    if kind not in BY_BUDGET:
+        raise InputError(f"table_values: not of the kind {kind!r}: choose one of {', '.join(BY_BUDGET)}")
+    folders = [runs] if isinstance(runs, str | Path) else runs
+    tables = all_tables(load_together(folders, wanted=has_validation, beside=True), kind=kind)
+    if not tables:
+        raise InputError(f"table_values: no such table: {WHY_EMPTY[kind]}")
+    frames = [table.values for table in tables if table.values is not None]
+    titles = [table.title for table in tables]
+    found = frames[0] if len(frames) == 1 else pd.concat(frames, keys=titles)
+    found.attrs = {"titles": titles, "notes": [note for table in tables for note in table.footnotes], **frames[0].attrs}
+    return found
 
 
 def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "Choice | None" = None) -> str:

@@ -9,8 +9,12 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
+from typing import TYPE_CHECKING
 
 from reports.numbers import NONE
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BOLD, UNDERLINED = "bold", "underlined"  # the marks of cells; plain text shows `DOT` for the first
 FEW = 3  # rows that may share a mark: a value that more rows have is no distinction
@@ -71,6 +75,7 @@ class Table:
     material: str = ""  # the material, if the table is of one
     fold: int = 22  # the width at which a terminal folds the first column, if only that holds words
     marks: dict[tuple[int, int], str] = field(default_factory=dict)  # by row and column: `BOLD` or `UNDERLINED`
+    values: "pd.DataFrame | None" = None  # the numbers of which the cells were written, of a table that has them
 
     @property
     def footnotes(self) -> list[str]:

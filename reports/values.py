@@ -92,7 +92,24 @@ def written(
     marks = {}
     for number, column in enumerate(columns):
         marks.update({(row, number): mark for row, mark in _marked(values, column).items()})
-    return Table(kind, title, headers, rows, all_notes, words, material, marks=marks)
+    return Table(kind, title, headers, rows, all_notes, words, material, marks=marks, values=_named(values, columns))
+
+
+def _named(values: pd.DataFrame, columns: Sequence[Column]) -> pd.DataFrame:
+    """The values of a table by the headers of its columns; `attrs` has their units and better ends."""
+    named = values[[column.field for column in columns]].reset_index(drop=True)
+    headers = [column.name for column in columns]
+    below = [column.unit.rstrip(" ↑↓") for column in columns]
+    # Where two columns have one name, what stands below tells them apart.
+    names = [
+        f"{name} {unit}".strip() if headers.count(name) > 1 else name for name, unit in zip(headers, below, strict=True)
+    ]
+    named.columns = pd.Index(names)
+    better = [column.better or column.unit[-1:] for column in columns]
+    ends = {"↑": "higher", "↓": "lower"}
+    named.attrs["units"] = {name: unit for name, unit in zip(names, below, strict=True) if unit}
+    named.attrs["directions"] = {name: ends[end] for name, end in zip(names, better, strict=True) if end in ends}
+    return named
 
 
 def _marked(values: pd.DataFrame, column: Column) -> dict[int, str]:
