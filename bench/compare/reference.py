@@ -22,13 +22,13 @@ from bench.compare.quantities import MAIN, deciding
 from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
 from bench.files.atomic import write
 from bench.inputs.errors import InputError, writable
-from bench.metrics import metric_of, stats_of
+from bench.metrics import metric_of, read_scores, stats_of
 from bench.records import (
     FILE,
     FLIP,
-    LOW_LIGHT,
+    OUTSIDE,
     PSNR,
-    VALIDATION,
+    SCENE_HELDOUT,
     Group,
     Job,
     Run,
@@ -334,7 +334,7 @@ def published(run: Run) -> str:
     # Keep each start once: a file to which the same run is added again already has its earlier starts.
     starts = {start["run"]: kept(start, records.RESULTS) for start in run.starts if start["run"] in used}
     lines = [*starts.values(), *jobs, *timings]
-    return "".join(json.dumps(rounded(line), allow_nan=False) + "\n" for line in lines)
+    return "".join(json.dumps(rounded(line), allow_nan=False, separators=(",", ":")) + "\n" for line in lines)
 
 
 def published_job(job: Job, folder: Path) -> Job:
@@ -351,13 +351,8 @@ def published_job(job: Job, folder: Path) -> Job:
         return line
     if "file" in job:
         line["file"] = f"files/{Path(job['file']).name}"
-    decides = deciding_group(job["scores"])
-    line["scores"] = {}
-    for name, group in job["scores"].items():
-        part_of_deciding = name.startswith(f"{decides}, ")  # such as pairs at grazing views
-        others = ("all", "train", "train, grazing light", VALIDATION, LOW_LIGHT, "scene")
-        if part_of_deciding or name == decides or name in others:
-            line["scores"][name] = group
+    scores = read_scores(job["scores"])
+    line["scores"] = {name: group for name, group in scores.items() if name not in (SCENE_HELDOUT, OUTSIDE)}
     slices = decibels(folder, job)
     if slices is not None:
         line["slices"] = {PSNR: packed(slices)}

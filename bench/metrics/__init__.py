@@ -12,7 +12,7 @@ both in another package, which an entry point names (`bench.metrics.outside`).
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -21,7 +21,21 @@ from bench.inputs.errors import InputError, did_you_mean
 from bench.inputs.plugins import PluginError, called, remedy
 from bench.metrics import outside
 from bench.metrics.description import PERIODIC, Metric
-from bench.records import Job, Statistics, metrics_of
+from bench.records import (
+    FLIP,
+    LOW_LIGHT,
+    OUTSIDE,
+    PSNR,
+    RMSE,
+    SCENE_HELDOUT,
+    SSIM,
+    VALIDATION,
+    Group,
+    Job,
+    Statistics,
+    deciding_group,
+    metrics_of,
+)
 
 
 def _flip(kind: str, space: str, target: str, label: str, default: bool = False) -> Metric:
@@ -215,6 +229,50 @@ def stats_of(job: Job, family: str, group: str = "") -> Statistics:
     metrics = metrics_of(job, group)
     stats: Statistics = metrics.get(metric_of(metrics, family), {})
     return stats
+
+
+_COUNTS = ("exact", "slices")  # with a mean: whether all its slices are exact, and whether there are any
+# What tables, figures and verdicts read of a group of pairs: statistics by family of metrics.
+_OF_ALL_OR_FITTED = dict.fromkeys((PSNR, SSIM, FLIP), ("mean", "std", *_COUNTS))
+_OF_MEAN_PSNR = {PSNR: ("mean", *_COUNTS)}
+_OF_PART = _OF_MEAN_PSNR | {RMSE: ("pooled", "relative")}
+
+
+def read_scores(scores: Mapping[str, Group]) -> dict[str, Group]:
+    """The scores of a job, by group of pairs, that something reads; the rest can be made again from its file.
+
+    Whole are the deciding group and that of a scene. Of all pairs, of training and validation pairs, of low light, of
+    each part of the deciding group (but of no part of a part), and of those in and out of a scene, a few statistics
+    of a few metrics stay. Other groups go.
+    """
+    decides = deciding_group(scores)
+    found: dict[str, Group] = {}
+    for name, group in scores.items():
+        parent, *parts = name.split(", ")
+        if name in (decides, "scene"):
+            chosen = group["metrics"]
+        elif name in ("all", "train"):
+            chosen = _chosen(group, _OF_ALL_OR_FITTED)
+        elif name in (VALIDATION, SCENE_HELDOUT, OUTSIDE):
+            chosen = _chosen(group, _OF_MEAN_PSNR)
+        elif name == LOW_LIGHT or (parent == decides and len(parts) == 1):
+            chosen = _chosen(group, _OF_PART)
+        else:
+            continue
+        count: Group = {"slices": group["slices"], "metrics": chosen} if "slices" in group else {"metrics": chosen}
+        found[name] = count
+    return found
+
+
+def _chosen(group: Group, families: Mapping[str, Sequence[str]]) -> dict[str, Statistics]:
+    """The metrics of a group that belong to one of the families, with the statistics named there."""
+    chosen: dict[str, Statistics] = {}
+    for family, statistics in families.items():
+        name = metric_of(group["metrics"], family)
+        if name:
+            stats = group["metrics"][name]
+            chosen[name] = {each: stats[each] for each in statistics if each in stats}
+    return chosen
 
 
 def examples() -> list[str]:

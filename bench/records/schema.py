@@ -305,7 +305,7 @@ class RunStart(TypedDict, total=False):
     kind: Annotated[Text, PUBLISHED]
     run: Annotated[Text, RESULTS]
     suite: Annotated[Text, PUBLISHED]
-    text: Annotated[Text, RESULTS]
+    text: Text  # of the suite's file
     device: Annotated[Text, PUBLISHED]
     threads: Annotated[Count, PUBLISHED]
     seeds: Annotated[list[Count], RESULTS]

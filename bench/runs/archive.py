@@ -31,6 +31,7 @@ from bench.files import atomic
 from bench.files.archive import ZipFiles, inside
 from bench.inputs.errors import InputError
 from bench.inputs.settings import table
+from bench.metrics import read_scores
 from bench.records import (
     CLAIM,
     FILE,
@@ -317,7 +318,9 @@ def differences(claimed: Job, here: Job) -> Iterator[str]:
     """The claims that differ from the measurements here by more than rounding on another processor, in words."""
     measured = json.loads(json.dumps(here))  # with lists for tuples, as the claims were read from JSON, too
     # `CLAIM` marks the fields of a record that are compared when it is verified.
-    for name, value in kept(claimed, CLAIM).items():
+    claims = kept(claimed, CLAIM)
+    claims["scores"] = read_scores(claims["scores"])  # an earlier version recorded more
+    for name, value in claims.items():
         yield from _differences_of_values(name, value, measured.get(name))
 
 

@@ -30,7 +30,7 @@ from bench.inputs.errors import ContainerError, InputError
 from bench.machine.threads import torch_threads
 from bench.material import Material, box_centres, parameters, resident_bytes
 from bench.metrics import get as get_metric
-from bench.metrics import metric_of, scoring
+from bench.metrics import metric_of, read_scores, scoring
 from bench.metrics.description import Metric
 from bench.metrics.display import to_display
 from bench.metrics.flip import magma
@@ -140,7 +140,7 @@ def record_of_scores(
         "resident": resident,
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: metric_facts(get_metric(name)) for name in workbench.scorer.names},
-        "scores": summary,
+        "scores": read_scores(summary),
         "footprints": {"1": at_one_texel} | scoring.summarise_footprints(coarse),
         "slices": keep(f"slices/{name}.npz", _arrays_of_slices(workbench, scores, coarse)),
         "angular": keep(f"angular/{name}.json", angular),

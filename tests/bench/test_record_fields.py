@@ -40,3 +40,29 @@ def test_a_record_is_flattened_to_numbers_by_path():
         "timing/interval95_ns/0": 1.0,
         "timing/interval95_ns/1": 2.0,
     }
+
+
+def test_a_record_keeps_of_scores_what_something_reads():
+    every = {"mean": 30.0, "std": 1.0, "pooled": 29.0, "exact": 0, "slices": 4, "worst": 20.0, "relative": 0.1}
+    names = (records.PSNR, "psnr_log1p", records.RMSE, "ssim_periodic", "flip_ldr_67ppd_periodic")
+    group = {"slices": 4, "radiance": 0.5, "metrics": dict.fromkeys(names, every)}
+    parts = ("heldout, new view", "heldout, new view, grazing light", "train, grazing light", "grazing light")
+    scores = dict.fromkeys(("all", "heldout", "validation", "low light", "scene", "scene, held out", *parts), group)
+    mean_psnr = {"mean": 30.0, "exact": 0, "slices": 4}
+    of_part = {records.PSNR: mean_psnr, records.RMSE: {"pooled": 29.0, "relative": 0.1}}
+    fitted = dict.fromkeys((records.PSNR, "ssim_periodic", "flip_ldr_67ppd_periodic"), mean_psnr | {"std": 1.0})
+    read = metrics.read_scores(scores)
+    assert {name: found["metrics"] for name, found in read.items()} == {
+        "all": fitted,
+        "heldout": group["metrics"],
+        "validation": {records.PSNR: mean_psnr},
+        "low light": of_part,
+        "scene": group["metrics"],
+        "scene, held out": {records.PSNR: mean_psnr},
+        "heldout, new view": of_part,
+    }
+    assert {found["slices"] for found in read.values()} == {4}
+    assert metrics.read_scores(read) == read
+    # Where no pairs are held out, all pairs decide, and their parts are read.
+    assert list(metrics.read_scores(dict.fromkeys(("all", "all, grazing view"), group))) == ["all", "all, grazing view"]
+    assert metrics.read_scores({"all": group})["all"]["metrics"] == group["metrics"]
