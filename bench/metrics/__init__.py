@@ -253,7 +253,9 @@ def read_scores(scores: Mapping[str, Group]) -> dict[str, Group]:
             chosen = group["metrics"]
         elif name in ("all", "train"):
             chosen = _chosen(group, _OF_ALL_OR_FITTED)
-        elif name in (VALIDATION, SCENE_HELDOUT, OUTSIDE):
+        elif name == VALIDATION:  # a trade also reads what is pooled
+            chosen = _chosen(group, {PSNR: ("mean", "pooled", *_COUNTS)})
+        elif name in (SCENE_HELDOUT, OUTSIDE):
             chosen = _chosen(group, _OF_MEAN_PSNR)
         elif name == LOW_LIGHT or (parent == decides and len(parts) == 1):
             chosen = _chosen(group, _OF_PART)
