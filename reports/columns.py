@@ -11,27 +11,20 @@ Times are × *floor*: multiples of the time of one bilinear fetch of a colour. A
 has no number.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import fmean, stdev
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
-from bench.metrics import PERIODIC, in_decibels, is_relative, label_of, metric_of
+from bench.metrics import PERIODIC, in_decibels, is_relative, label_of
 from bench.records import (
-    LOW_LIGHT,
-    OUTSIDE,
     PSNR,
-    RMSE,
-    SCENE_HELDOUT,
     Job,
     MetricFacts,
-    deciding_group,
-    metrics_of,
-    shown_columns,
 )
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, significant, stated
-from reports.rows import MaterialRows, Row, facts_of
+from reports.rows import MaterialRows, Row
 
 Value = float | tuple[float, ...] | str | None  # a number, several numbers of one cell, a word, or nothing
 
@@ -225,33 +218,7 @@ def _whole(value: float) -> str:
 
 
 # Of a native file `own` are the facts: see `Column.native`.
-_PARAMETERS = Column("decoder", "param.", lambda row: row.job["parameters"], _whole)
-_CHANNELS = Column("tex.", "chan.", lambda row: row.job["cost"]["texture_channels"], _whole, lambda own: own["rank"])
 TOTAL = Column("total", "bytes ↓", lambda row: row.job["bytes"].get("total"), _whole, lambda own: own["bytes"])
-_SHARED = Column("shared", "bytes", lambda row: row.job["bytes"].get("shared"), _whole, sparse=True)
-BITS = Column(
-    "bits per",
-    "texel ↓",
-    lambda row: bits(row.job, row.job["bytes"]["total"]),
-    partial(significant, digits=4),
-    lambda own: own["bits"],
-)
-_TRAIN = _mean("PSNR train", "dB ↑", PSNR, "train")
-HELDOUT = _mean("PSNR", "dB ↑", PSNR)
-PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
-
-
-def _worst(row: Row) -> Value:
-    """The mean PSNR of the worst tenth of the slices that decide; None where a record lacks it."""
-    stats = row.stats(row.deciding_group, PSNR)
-    # `stated` would say "not applicable", but an older record just lacks it.
-    return stated(stats, "worst") if "worst" in stats else None
-
-
-def _relative_error(row: Row) -> Value:
-    """The RMSE of radiance over the pairs that decide, in per cent of its mean."""
-    share = row.stats(row.deciding_group, RMSE).get("relative")
-    return None if share is None else 100 * share
 
 
 def _fused(row: Row) -> Value:
@@ -259,106 +226,8 @@ def _fused(row: Row) -> Value:
     return row.fused["ratio_to_floor"] if row.fused else None
 
 
-def _from_to(interval: tuple[float, float]) -> str:
-    """An interval as a cell: "120 to 125"."""
-    low, high = interval
-    return f"{significant(low)} to {significant(high)}"
-
-
-_WORST = Column("worst tenth", "dB ↑", _worst, partial(fixed, digits=2))
-_POOLED = _mean("PSNR pooled", "dB ↑", PSNR, statistic="pooled")
-RELATIVE_ERROR = Column("RMSE", "% mean ↓", _relative_error, partial(fixed, digits=1))
-_BETWEEN = Column(
-    "between texels",
-    "dB ↑",
-    lambda row: row.job["between"]["mean"] if "between" in row.job else None,
-    partial(fixed, digits=2),
-    sparse=True,
-)
-_NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
 _FUSED = Column("fused", "× floor", _fused, significant, sparse=True)
-_INTERVAL = _timed("95 % interval", "ns", "interval95_ns", _from_to)
-
-_NAMED = {"decoder", "texture", "total", "shared"}  # parts of the bytes that have columns of their own
-
-
-def _other_bytes(job: Job) -> int:
-    """The bytes of a file that no other column counts."""
-    return sum(cast(int, size) for part, size in job["bytes"].items() if part not in _NAMED)
-
-
-SIZE = (
-    _PARAMETERS,
-    _CHANNELS,
-    Column("decoder", "bytes", lambda row: row.job["bytes"].get("decoder"), _whole),
-    Column("texture", "bytes", lambda row: row.job["bytes"].get("texture"), _whole),
-    Column("other", "bytes", lambda row: _other_bytes(row.job), _whole),
-    TOTAL,
-    _SHARED,
-    Column("resident", "bytes", lambda row: row.job.get("resident"), _whole, sparse=True),
-    BITS,
-)
-
-
-def _declared_columns() -> list[Column]:
-    """The columns that fields of a record declare; see `bench.records.shown_columns`."""
-    declared = []
-    # `digits` are significant ones; 0 for an integer.
-    for field, (name, unit, digits) in shown_columns().items():
-        write = partial(significant, digits=digits) if digits else _whole
-        declared.append(Column(name, unit, partial(_value_of_field, field), write))
-    return declared
-
-
-def _value_of_field(name: str, row: Row) -> Value:
-    """The value of a field of a row's record, by the field's name; None where the record lacks it."""
-    return cast(Value, dict(row.job).get(name))
-
-
-def time() -> list[Column]:
-    """The columns that fields declare, such as the seconds of a fit, and those of the time of a query."""
-    return [*_declared_columns(), _NS, _INTERVAL, _FLOOR, _FUSED]
-
-
-def scored(material: MaterialRows) -> list[Column]:
-    """Columns of a file that was scored alone, without a record of its fit."""
-    sizes = []
-    if all(row.job["bytes"] for row in material.measured):  # slices that another program computed come without a file
-        sizes = [_PARAMETERS, _CHANNELS, TOTAL, BITS]
-    train = replace(_TRAIN, name="train")  # a shorter name, because a terminal is narrow
-    return [*sizes, train, HELDOUT, *_others(material, _mean)]
-
-
-def short(material: MaterialRows) -> list[Column]:
-    """Columns that fit into the width of a terminal."""
-    return means([*scored(material), *_declared_columns(), _NS, _FLOOR, _FUSED], HELDOUT)
-
-
-def means(chosen: Sequence[Column], *with_deviation: Column) -> list[Column]:
-    """The same columns, of which only those in `with_deviation` show a deviation over seeds: a terminal is narrow."""
-    narrowed = []
-    for column in chosen:
-        narrowed.append(column if column in with_deviation else replace(column, deviation=False))
-    return narrowed
-
-
-def quality(material: MaterialRows) -> list[Column]:
-    """Columns of PSNR of training and of held-out pairs, and of every other metric."""
-    # All cells of a row show one kind of deviation: that over seeds, if there are several seeds, else that over slices.
-    if len(material.seeds) > 1:
-        return [_TRAIN, HELDOUT, _WORST, _POOLED, *_others(material, _mean)]
-    return [_TRAIN, PER_SLICE, _WORST, _POOLED, *_others(material, _spread)]
-
-
-def main(material: MaterialRows) -> list[Column]:
-    """Columns of cost, quality and time of a codec."""
-    return [*SIZE, *quality(material), *time()]
-
-
-def papers(material: MaterialRows) -> list[Column]:
-    """Every metric as papers report it: mean ± std over slices."""
-    return [PER_SLICE, *_others(material)]
 
 
 def summary(materials: Sequence[MaterialRows]) -> list[Column]:
@@ -379,146 +248,3 @@ def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     # In a summary times are ranked, which an arrow in the unit asks for.
     ranked_times = [replace(time, unit="× floor ↓") for time in times]
     return [*quality, TOTAL, *ranked_times]
-
-
-def _others(material: MaterialRows, make: Callable[..., Column] = _spread) -> Iterator[Column]:
-    """A column for each metric other than PSNR, made by `make`: `_mean` or, with the std over slices, `_spread`.
-
-    Errors of radiance are left out: they have a table of their own.
-    """
-    for name, metric in material.metrics.items():
-        if name != PSNR and not is_relative(name):
-            yield make(label_of(name), _unit_and_arrow(metric), family=name, digits=_digits(name))
-
-
-def bands(job: Job) -> list[Column]:
-    """Columns of PSNR over each band of the pairs that decide, such as grazing views, and how many slices it has.
-
-    `job` is any comparable one of the material: all have the same bands.
-    """
-    return [_mean(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(job)]
-
-
-def radiance_bands(job: Job) -> list[Column]:
-    """Columns of the error of linear radiance over each band, absolute and relative; for `job` see `bands`."""
-
-    def value(group: str, row: Row) -> Value:
-        """The RMSE over a group and, if known, the same in per cent of the mean radiance; None if not measured."""
-        stats = row.stats(group, RMSE)
-        absolute = stats.get("pooled")
-        relative = stats.get("relative")
-        if absolute is None:
-            return None
-        if relative is None:
-            return (absolute,)
-        return absolute, 100 * relative
-
-    def write(numbers: tuple[float, ...]) -> str:
-        """Such a value as text: "0.0123 (4.5 %)"."""
-        relative = fixed(numbers[1], 1) if len(numbers) > 1 else NONE
-        return f"{significant(numbers[0])} ({relative} %)"
-
-    made = []
-    for name, group, count in _bands(job):
-        made.append(Column(name, f"radiance ↓ ({count:,})", partial(value, group), write))
-    return made
-
-
-def footprints(job: Job) -> list[Column]:
-    """Columns of PSNR at each footprint: the side in texels of the square over which an answer is averaged; then that
-    of answers between texels, if there are some.
-
-    `job` is any comparable one of the material; its record names footprints as text, "1", "2".
-    """
-
-    def value(side: str, row: Row) -> Value:
-        return stated(row.job["footprints"].get(side, {}), "mean")
-
-    made = []
-    for side in job["footprints"]:
-        name = "1 texel" if side == "1" else f"{side} texels"
-        made.append(Column(name, "dB ↑", partial(value, side), partial(fixed, digits=2)))
-    return [*made, _BETWEEN]
-
-
-class _Band(NamedTuple):
-    """A group of pairs as a column: the name in the header, the group in a record, and the number of its slices."""
-
-    name: str
-    group: str
-    slices: int
-
-
-def _bands(job: Job) -> list[_Band]:
-    """All pairs that decide, then the subsets of them, without subsets of subsets, which would be too many columns;
-    last the pairs of low light, where there are some, which decide nothing.
-
-    A record names a group after what it is part of: "heldout", then "heldout, grazing view".
-    """
-    scores = job["scores"]
-    deciding = deciding_group(scores)
-    subsets = []
-    for group in scores:
-        parent, _, subset = group.partition(", ")
-        is_subset_of_subset = ", " in subset
-        if parent == deciding and subset and not is_subset_of_subset:
-            subsets.append(_Band(_BAND_NAMES.get(subset, subset), group, scores[group].get("slices", 0)))
-    subsets.sort(key=lambda band: _band_place(band.name))
-    if LOW_LIGHT in scores:
-        subsets.append(_Band("θ_i>75°", LOW_LIGHT, scores[LOW_LIGHT].get("slices", 0)))
-    all_name = "held out" if deciding == "heldout" else "all"
-    return [_Band(all_name, deciding, scores[deciding].get("slices", 0)), *subsets]
-
-
-def _band_place(name: str) -> int:
-    """Where the column of a band stands, in the order of `_BAND_NAMES`; bands with other names are last."""
-    order = list(_BAND_NAMES.values())
-    return order.index(name) if name in order else len(order)
-
-
-def scene(job: Job) -> list[Column]:
-    """Columns of quality in the frames of a scene, over the pairs that the scene uses, and over the others.
-
-    A *frame* is a rendered picture of the scene. *Weighted* metrics are over the queries that the scene makes. `job` is
-    any comparable one of the material; no column if it was not scored in a scene.
-    """
-    if "scene" not in job:
-        return []
-
-    def value(family: str, row: Row) -> Value:
-        """A metric of the frames; “exact” where it has no number, None where it was not measured."""
-        values = row.job.get("scene", {}).get("metrics", {})
-        name = metric_of(values, family)  # the variant of the metric that scored this job; "" for none
-        if not name:
-            return None
-        return EXACT if values[name] is None else values[name]
-
-    chosen = [TOTAL]
-    # Pairs that are held out and that the scene uses; a scene may use none.
-    if SCENE_HELDOUT in job["scores"]:
-        chosen.append(_mean("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
-    for name, metric in _not_of_radiance(job, job["scene"]["metrics"]):
-        write = partial(fixed, digits=_digits(name))
-        chosen.append(Column(f"frames {label_of(name)}", _unit_and_arrow(metric), partial(value, name), write))
-    for name, metric in _not_of_radiance(job, metrics_of(job, "scene")):  # the group of the pairs that the scene uses
-        label = f"weighted {label_of(name)}"
-        weighted = _mean(label, _unit_and_arrow(metric), name, group="scene", digits=_digits(name), statistic="pooled")
-        chosen.append(weighted)
-    outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)  # over the pairs that the scene does not use
-    chosen += [replace(outside, whole_only=True), replace(HELDOUT, whole_only=True)]
-    return chosen
-
-
-def _not_of_radiance(job: Job, names: Iterable[str]) -> Iterator[tuple[str, MetricFacts]]:
-    """The names of metrics, each with what the record says of it, without errors of radiance.
-
-    Those are stated relative to the mean radiance, in a table of their own.
-    """
-    for name in names:
-        if not is_relative(name):  # it is not an error of radiance
-            yield name, facts_of(job, name)
-
-
-# By the last part of a group's name: the name in the header, in the order of columns.
-_BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}
-_BAND_NAMES |= {name: name for name in ("inside hull", "outside hull", "new view", "new light", "both new")}
