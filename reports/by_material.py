@@ -28,7 +28,6 @@ from bench.records import (
     RMSE,
     SCENE_HELDOUT,
     Job,
-    MetricFacts,
     Run,
     deciding_group,
     grouped,
@@ -38,7 +37,7 @@ from bench.records import (
 )
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes, scene_notes
 from reports.numbers import EXACT, NOT_APPLICABLE, NOT_COMPARABLE
-from reports.rows import CodecRows, MaterialRows, Row, facts_of
+from reports.rows import CodecRows, MaterialRows, Row, facts_of, unit_and_arrow
 from reports.scene_models import scene_gains, scene_quality
 from reports.table import Table
 from reports.values import Column, written
@@ -147,13 +146,21 @@ SIZE = (
     Measure("bits per", "texel ↓", "bits", -4, native="bits"),
 )
 _TOTAL = SIZE[5]
-# The fields that records declare as columns, such as the seconds of a fit; `digits` are significant ones, 0 for whole.
-_DECLARED = [Measure(name, unit, field, -digits) for field, (name, unit, digits) in shown_columns().items()]
 _NS = Measure("time", "ns ↓", "timing/ns_per_sample", -3, timed=True)
 _INTERVAL = Measure("95 % interval", "ns", "timing/interval95_ns/0", -3, "timing/interval95_ns/1", _TO, timed=True)
 _FLOOR = Measure("time", "× floor", "timing/ratio_to_floor", -3, timed=True)
 _FUSED = Measure("fused", "× floor", _FUSED_TIME, -3, sparse=True)
-TIME = (*_DECLARED, _NS, _INTERVAL, _FLOOR, _FUSED)
+
+
+def _declared() -> list[Measure]:
+    """The columns that fields of a record declare, such as the seconds of a fit; see `bench.records.shown_columns`."""
+    # `digits` are significant ones; 0 for an integer.
+    return [Measure(name, unit, field, -digits) for field, (name, unit, digits) in shown_columns().items()]
+
+
+def _time() -> list[Measure]:
+    """The columns that fields declare, and those of the time of a query."""
+    return [*_declared(), _NS, _INTERVAL, _FLOOR, _FUSED]
 
 
 def _mean(name: str, unit: str, metric: str, group: str, statistic: str = "mean", spread: bool = False) -> Measure:
@@ -167,7 +174,7 @@ def _others(material: MaterialRows, spread: bool) -> list[Measure]:
     """Every metric over the pairs that decide, but for PSNR and errors of radiance, which have a table of their own."""
     group = _deciding(material)
     shown = [(name, facts) for name, facts in material.metrics.items() if name != PSNR and not is_relative(name)]
-    return [_mean(label_of(name), _unit_and_arrow(facts), name, group, spread=spread) for name, facts in shown]
+    return [_mean(label_of(name), unit_and_arrow(facts), name, group, spread=spread) for name, facts in shown]
 
 
 def _psnr(material: MaterialRows, spread: bool = False) -> Measure:
@@ -177,13 +184,6 @@ def _psnr(material: MaterialRows, spread: bool = False) -> Measure:
 
 def _deciding(material: MaterialRows) -> str:
     return material.measured[0].deciding_group if material.measured else "heldout"
-
-
-def _unit_and_arrow(metric: MetricFacts) -> str:
-    """The unit of a metric with an arrow to the better end: "dB ↑"; without a unit the arrow alone."""
-    unit = "" if metric["unit"] == "1" else metric["unit"]  # "1": it has no unit
-    arrow = "↑" if metric["direction"] == "higher" else "↓"
-    return f"{unit} {arrow}".strip()
 
 
 def _quality(material: MaterialRows) -> list[Measure]:
@@ -202,7 +202,7 @@ def _quality(material: MaterialRows) -> list[Measure]:
 
 def in_short(material: MaterialRows) -> list[Measure]:
     """The size of a file, its PSNR and its times, whether or not rows have them."""
-    return [_TOTAL, SIZE[-1], _psnr(material), *(measure for measure in TIME if not measure.sparse)]
+    return [_TOTAL, SIZE[-1], _psnr(material), *(measure for measure in _time() if not measure.sparse)]
 
 
 def psnr_of(run: Run, material: MaterialRows) -> dict[str, float]:
@@ -214,7 +214,7 @@ def psnr_of(run: Run, material: MaterialRows) -> dict[str, float]:
 
 
 def _main(material: MaterialRows) -> list[Measure]:
-    return [*SIZE, *_quality(material), *TIME]
+    return [*SIZE, *_quality(material), *_time()]
 
 
 def _slices(material: MaterialRows) -> list[Measure]:
@@ -257,7 +257,7 @@ def _scored(material: MaterialRows) -> list[Measure]:
 
 def _short(material: MaterialRows) -> list[Measure]:
     """Columns that fit into the width of a terminal, of which only PSNR shows its deviation over seeds."""
-    measures = [*_scored(material), *_DECLARED, _NS, _FLOOR, _FUSED]
+    measures = [*_scored(material), *_declared(), _NS, _FLOOR, _FUSED]
     return [measure._replace(deviation=measure.name == "PSNR") for measure in measures]
 
 
@@ -313,11 +313,11 @@ def _scene(material: MaterialRows) -> list[Measure]:
         measures.append(_mean("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
     for name in job["scene"]["metrics"]:
         if not is_relative(name):
-            unit, digits = _unit_and_arrow(facts_of(job, name)), 2 if in_decibels(name) else 3
+            unit, digits = unit_and_arrow(facts_of(job, name)), 2 if in_decibels(name) else 3
             measures.append(Measure(f"frames {label_of(name)}", unit, f"scene/metrics/{name}", digits))
     for name in metrics_of(job, "scene"):  # the group of the pairs that the scene uses
         if not is_relative(name):
-            unit = _unit_and_arrow(facts_of(job, name))
+            unit = unit_and_arrow(facts_of(job, name))
             measures.append(_mean(f"weighted {label_of(name)}", unit, name, "scene", "pooled"))
     outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)  # over the pairs that the scene does not use
     return [*measures, *(measure._replace(whole_only=True) for measure in (outside, _psnr(material)))]
@@ -366,7 +366,7 @@ _TABLES = {
     "main": _Described("main", "", _main, _notes(main_notes)),
     # A main table for a page that is too narrow for all of its columns is two.
     "quality": _Described("main", "quality", _quality, _notes(quality_notes)),
-    "cost": _Described("main", "size and time", lambda _: (*SIZE, *TIME), _notes(cost_notes)),
+    "cost": _Described("main", "size and time", lambda _: (*SIZE, *_time()), _notes(cost_notes)),
     # For a terminal: a main table, one of a file without a run, and both footprints and directions.
     "short": _Described("main", "", _short, _notes(main_notes)),
     "scored": _Described("main", "", _scored, _notes(main_notes)),
@@ -379,10 +379,10 @@ _TABLES = {
 }
 
 
-def tables(run: Run, materials: Iterable[MaterialRows], name: str) -> Iterator[Table]:
+def tables(run: Run, materials: Iterable[MaterialRows], name: str, stale: bool = True) -> Iterator[Table]:
     """The tables that `_TABLES` describes by that name, one for each material that has numbers.
 
-    A row a codec, the mean over its seeds, the best first.
+    A row a codec, the mean over its seeds, the best first; with `stale`, rows of older versions are marked.
     """
     kind, about, measures_of, notes_of = _TABLES[name]
     for material in materials:
@@ -390,7 +390,10 @@ def tables(run: Run, materials: Iterable[MaterialRows], name: str) -> Iterator[T
         if not measures:
             continue
         codecs = sorted(material.codecs, key=scene_quality if kind == "scene" else _rank, reverse=True)
-        values = pd.DataFrame([*rows_of(run, codecs, measures), *_in_addition(material.measured[0].job, measures)])
+        rows = [*rows_of(run, codecs, measures), *_in_addition(material.measured[0].job, measures)]
+        values = pd.DataFrame(rows, dtype=object)
+        if not stale:
+            values = values.drop(columns="stale")
         columns = [Column("codec", "", "codec")]
         for measure in measures:
             if not measure.sparse or values.loc[values["measured"], measure.field].notna().any():
@@ -439,7 +442,8 @@ def rows_of(run: Run, codecs: Iterable[CodecRows], measures: Sequence[Measure]) 
 @view
 def _frame(run: Run) -> pd.DataFrame:
     """The frame of a run by name of job, with what is computed of its columns."""
-    frame = frame_of(run).set_index("job")
+    frame = frame_of(run)
+    frame.index = _names(frame["job"])
     names = [str(name) for name in frame]
     relative = [name for name in names if name.endswith("/relative")]
     percent = (100 * frame[relative]).rename(columns=lambda name: name.replace("relative", _PERCENT))
@@ -453,8 +457,13 @@ def _records(run: Run, jobs: list[str], measures: Sequence[Measure]) -> dict[str
     for measure in measures:
         group = measure.field.rpartition("/")[0]
         fields += [measure.field, f"{group}/exact", f"{group}/slices", *filter(None, [measure.second])]
-    found: dict[Any, Any] = _frame(run).loc[jobs].reindex(columns=list(dict.fromkeys(fields))).to_dict("index")
+    found: dict[Any, Any] = _frame(run).reindex(_names(jobs), columns=_names(dict.fromkeys(fields))).to_dict("index")
     return found
+
+
+def _names(names: Iterable[str]) -> pd.Index:
+    """Names as objects, because strings of pandas cannot hold all that a record may, such as half of a character."""
+    return pd.Index(list(names), dtype=object)
 
 
 def _of_row(row: Row) -> dict[str, Any]:

@@ -113,7 +113,7 @@ def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
             own = [row for row in material.rows if codec_of(row) == name]
             # Each row alone; of one without numbers that may be compared, the cells are dashes.
             alone = [CodecRows(row.label, [row] if row.measured else []) for row in own]
-            values = pd.DataFrame(by_material.rows_of(source.run, alone, measures))
+            values = pd.DataFrame(by_material.rows_of(source.run, alone, measures), dtype=object)
             for row, shown in zip(own, values.to_dict("records"), strict=True):
                 numbers = [measure.column(values).cell(shown) for measure in measures]
                 rows.append([material.name, source.title, row.label, *numbers, *_origin_cells(source, row)])
