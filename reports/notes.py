@@ -20,7 +20,7 @@ from reports.table import Note, Part
 
 _LISTED = 5  # jobs that a note names
 _LINES = 10  # numbers of unreadable lines that a note names
-# Names of columns, as `reports.columns` has them: those of bytes, of times, and all that do not show quality.
+# Names of columns, as `reports.by_material` has them: those of bytes, of times, and all that do not show quality.
 _BYTES = ("decoder", "texture", "other", "total", "shared", "resident", "bits per")
 _TIMES = ("time", "95 % interval", "fused")
 _COST = {*_BYTES, *_TIMES, "tex.", *(name for name, _, _ in shown_columns().values())}

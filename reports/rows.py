@@ -204,6 +204,13 @@ def facts_of(job: Job, metric: str) -> MetricFacts:
     return MetricFacts(unit="1", direction="higher")  # an older record does not describe it
 
 
+def unit_and_arrow(metric: MetricFacts) -> str:
+    """The unit of a metric with an arrow to the better end: "dB ↑"; without a unit the arrow alone."""
+    unit = "" if metric["unit"] == "1" else metric["unit"]  # "1": it has no unit
+    arrow = "↑" if metric["direction"] == "higher" else "↓"
+    return f"{unit} {arrow}".strip()
+
+
 @view
 def materials(run: Run) -> list[MaterialRows]:
     """The run's jobs by material, in the order of the suite; kept with the run.

@@ -4,16 +4,14 @@ A *main* table has quality, size and time of each codec on one material. A *band
 directions, such as grazing views. A *footprint* is the square of texels over which an answer is averaged.
 """
 
-from dataclasses import replace
-
 from bench.records import Run
-from reports import columns
+from reports import by_material
 from reports.notes import run_notes
-from reports.rows import MaterialRows, materials
+from reports.rows import materials
 from reports.stress import summary
 from reports.summary import summary_table
 from reports.table import Table
-from reports.tables import all_tables, main_table, scene_table, unfinished_table
+from reports.tables import all_tables, unfinished_table
 from reports.text import plain, wrapped
 
 
@@ -25,7 +23,8 @@ def terminal(run: Run) -> str:
     if len(run_materials) > 1:  # means over one would repeat its main table
         tables.append(summary_table(run, intervals=False))
     for material in run_materials:
-        tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
+        for name in ("short", "detail", "scene"):
+            tables += by_material.tables(run, [material], name, stale=False)
     tables.append(unfinished_table(run))
     made_tables = [table for table in tables if table]
     blocks = []
@@ -41,23 +40,8 @@ def terminal(run: Run) -> str:
 def scored(run: Run) -> str:
     """The tables, for a terminal, of codec files that were scored outside a run: their records have no fit and no
     times, so there are neither columns of these nor notes on a run."""
-    tables = []
+    tables: list[Table] = []
     for material in materials(run):
-        tables += [main_table(material, columns.scored(material)), _detail(material), scene_table(material)]
-    return plain([table for table in tables if table])
-
-
-def _detail(material: MaterialRows) -> Table | None:
-    """One table of PSNR by direction and by footprint, and of the error of radiance; None if nothing was measured."""
-    if material.first is None:
-        return None
-    job = material.first
-    # Without the first band, all pairs that decide, and the first footprint, one texel: `PER_SLICE` shows both.
-    bands = columns.bands(job)[1:]
-    footprints = columns.footprints(job)[1:]
-    chosen = columns.means([columns.PER_SLICE, *bands, columns.RELATIVE_ERROR, *footprints])
-    table = main_table(material, chosen)  # it is changed below, because its title and notes are of a main table
-    note = "dB: display PSNR by direction (and number of slices) and by footprint. RMSE: of radiance, over its mean."
-    if table is None:
-        return None
-    return replace(table, kind="detail", title=f"{material.name}: where the error lies", notes=[note])
+        for name in ("scored", "detail", "scene"):
+            tables += by_material.tables(run, [material], name, stale=False)
+    return plain(tables)

@@ -6,12 +6,12 @@ columns of the frame.
 """
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from math import isfinite, isnan
+from math import inf, isfinite, isnan, nan
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from reports.numbers import NONE, fixed, signed, significant
+from reports.numbers import EXACT, NONE, fixed, signed, significant
 from reports.table import BOLD, FEW, UNDERLINED, Table
 
 STALE = " †"  # after a codec whose records are of an older version than the installed one
@@ -21,7 +21,7 @@ Row = Mapping[Hashable, Any]  # a row of the frame by column
 class Column(NamedTuple):
     """A column of a table: its two lines of header, and how it is written from a column of a frame.
 
-    Values are words, or numbers with NaN where there is none, which is a dash.
+    Values are words, or numbers with NaN where there is none, which is a dash; an infinite one reads “exact”.
     """
 
     name: str
@@ -33,6 +33,10 @@ class Column(NamedTuple):
     before: tuple[str, str] = ("", "")  # a mark before the number, and the boolean column that says where it stands
     after: tuple[str, str] = ("", "")  # the same, of a mark after it
     write: Callable[[Row], str] | None = None  # the whole cell of a row, where it is not just a number
+    beside: str = ""  # the column of a second number in the cell, such as a deviation
+    pair: str = " ± {}"  # how it stands there
+    beside_digits: int | None = None  # as `digits`; None: those of the first number
+    unranked: str = ""  # the boolean column that says which rows get no mark, although they have a number
 
     def cell(self, row: Row) -> str:
         """The cell of a row."""
@@ -43,9 +47,15 @@ class Column(NamedTuple):
             return value
         if isnan(value):
             return NONE
+        if value == inf:
+            return EXACT
         before = self.before[0] if self.before[1] and row[self.before[1]] else ""
         after = self.after[0] if self.after[1] and row[self.after[1]] else ""
-        return before + self._number(value) + after
+        beside = ""
+        if self.beside and not isnan(row[self.beside]):
+            other = self if self.beside_digits is None else self._replace(digits=self.beside_digits)
+            beside = self.pair.format(other._number(row[self.beside]))
+        return before + self._number(value) + beside + after
 
     def rounded(self, value: float) -> float:
         """A number as it reads when written, so that what reads the same counts as the same."""
@@ -80,7 +90,7 @@ def written(
     for row in values.to_dict("records"):
         cells = [column.cell(row) for column in columns]
         if row.get("stale"):
-            reasons[row["codec"].partition(",")[0]] = row["stale"]
+            reasons[row["codec"].partition(" ")[0].rstrip(",")] = row["stale"]
             place = [column.field for column in columns].index("codec")
             cells[place] += STALE
         rows.append(cells)
@@ -121,7 +131,9 @@ def _marked(values: pd.DataFrame, column: Column) -> dict[int, str]:
     better = column.better or column.unit[-1:]
     if better not in ("↑", "↓"):
         return {}
-    read = [column.rounded(value) for value in values[column.field]]
+    read = [nan if isinstance(value, str) else column.rounded(value) for value in values[column.field]]
+    if column.unranked:
+        read = [nan if unranked else own for own, unranked in zip(read, values[column.unranked], strict=True)]
     best_first = sorted({value for value in read if not isnan(value)}, reverse=better == "↑")
     if len(best_first) < 2:
         return {}

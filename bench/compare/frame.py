@@ -115,7 +115,11 @@ def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> pd.DataFrame:
                 columns[name] = [nan] * len(rows)
             if value is not None:
                 columns[name][number] = value
-    frame = pd.DataFrame(columns)
+    # Texts stay objects, because strings of pandas cannot hold all that a record may, such as half of a character.
+    texts = {name for name, values in columns.items() if any(isinstance(value, str) for value in values)}
+    frame = pd.DataFrame(
+        {name: pd.Series(values, dtype=object if name in texts else None) for name, values in columns.items()}
+    )
     if rows:
         frame["started"] = pd.to_datetime(frame["started"], format=_START_TIME, utc=True, errors="coerce")
     facts: dict[str, MetricFacts] = {}

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any, NamedTuple
 
-from reports import columns
+import pandas as pd
+
+from reports import by_material
 from reports.board.sources import STATES, Publication
 from reports.front import in_words
 from reports.numbers import EXACT, NONE, fixed, integer, signed
-from reports.rows import MaterialRows, Row
+from reports.rows import CodecRows, MaterialRows, Row
 from reports.rungs import BYTES, rungs_of
 from reports.table import Table
 
@@ -102,22 +104,22 @@ def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
 
     `name` is that of the codec.
     """
-    times = [
-        column for column in columns.time() if not column.sparse
-    ]  # a sparse one is for tables that leave it out where empty
-    number_columns = [columns.TOTAL, columns.BITS, columns.HELDOUT, *times]
     rows = []
+    headers: list[tuple[str, str]] = []
     for source in sources:
         for material in source.materials:
-            for row in material.rows:
-                if codec_of(row) == name:
-                    measured = [row] if row.measured else []  # of no row, a column's cell is a dash
-                    numbers = [column.cell(measured) for column in number_columns]
-                    rows.append([material.name, source.title, row.label, *numbers, *_origin_cells(source, row)])
+            measures = by_material.in_short(material)
+            headers = [(measure.name, measure.unit) for measure in measures]
+            own = [row for row in material.rows if codec_of(row) == name]
+            # Each row alone; of one without numbers that may be compared, the cells are dashes.
+            alone = [CodecRows(row.label, [row] if row.measured else []) for row in own]
+            values = pd.DataFrame(by_material.rows_of(source.run, alone, measures), dtype=object)
+            for row, shown in zip(own, values.to_dict("records"), strict=True):
+                numbers = [measure.column(values).cell(shown) for measure in measures]
+                rows.append([material.name, source.title, row.label, *numbers, *_origin_cells(source, row)])
     if not rows:
         return None
-    headers = [("material", ""), ("results", ""), ("row", "")]
-    headers += [(column.name, column.unit) for column in number_columns]
+    headers = [("material", ""), ("results", ""), ("row", ""), *headers]
     headers += [(header, "") for header in _ORIGIN_HEADERS]
     return Table("rows", f"{name}: every row", headers, rows, [STATES], words=3)
 
@@ -149,11 +151,10 @@ def _of_all_settings(source: Publication) -> Iterator[Comparison]:
     """The comparison on each material of a source without budgets: of all settings, whatever their bytes."""
     for material in source.materials:
         candidates = []
+        psnr_of = by_material.psnr_of(source.run, material)
         for codec in material.codecs:
-            if not codec.measured:  # it has no number that may be compared
-                continue
-            psnr = math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
-            if psnr is not None:  # the records may lack it
+            psnr = psnr_of.get(codec.label, math.nan)  # NaN without a number that may be compared
+            if not math.isnan(psnr):
                 size = round(fmean(row.job["bytes"]["total"] for row in codec.measured))
                 candidates.append(Candidate(codec_of(codec.rows[0]), Entry(codec.label, size, psnr)))
         yield Comparison(material.name, source.name, candidates)

@@ -1,0 +1,515 @@
+"""The tables by material: what each codec costs, and its quality by metric, direction and footprint, and in a scene.
+
+Each column is a `Measure`: its header, and the field of `bench.compare.frame` that has its number. A row is a codec
+with its settings, over its seeds. Quality is measured slice by slice: a *slice* is one picture of the material, all
+texels at one pair of view and light directions. The pairs that *decide* are the held-out ones, which no codec sees in
+its fit, or all pairs where none are held out. A record has statistics of each *group* of pairs (`train`, `heldout`,
+`heldout, grazing view`): `mean` and `std` over its slices, `pooled` (of the mean error of all slices together), `worst`
+(the mean of the worst tenth).
+
+Times are × *floor*: multiples of the time of one bilinear fetch of a colour. An *exact* slice has no error, so its PSNR
+has no number. A model *of a scene* was fitted to the pairs that one scene uses; its *frames* are pictures of it.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from math import inf, isnan, nan
+from statistics import fmean, stdev
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from bench.compare.frame import frame_of
+from bench.metrics import in_decibels, is_relative, label_of
+from bench.records import (
+    LOW_LIGHT,
+    MOST_DB,
+    OUTSIDE,
+    PSNR,
+    RMSE,
+    SCENE_HELDOUT,
+    Job,
+    Run,
+    deciding_group,
+    grouped,
+    metrics_of,
+    shown_columns,
+    view,
+)
+from reports.notes import common_notes, cost_notes, main_notes, quality_notes, scene_notes
+from reports.numbers import EXACT, NOT_APPLICABLE, NOT_COMPARABLE
+from reports.rows import CodecRows, MaterialRows, Row, facts_of, unit_and_arrow
+from reports.scene_models import scene_gains, scene_quality
+from reports.table import Table
+from reports.values import Column, written
+
+_DEVIATION = " ± {}"
+_OTHER_BYTES, _FUSED_TIME, _PERCENT = "other bytes", "fused ratio", "percent"  # fields that are computed here
+_NAMED_BYTES = {f"bytes/{part}" for part in ("decoder", "texture", "total", "shared")}  # with columns of their own
+# By the last part of a group's name: the name in the header, in the order of columns.
+_BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}
+_BAND_NAMES |= {name: name for name in ("inside hull", "outside hull", "new view", "new light", "both new")}
+
+
+class Measure(NamedTuple):
+    """A column of these tables: its header, and where the record of a job has its number."""
+
+    name: str
+    unit: str  # with an arrow to the better end, if one is
+    field: str
+    digits: int = 0  # decimals; −n: n significant digits
+    second: str = ""  # the field of a second number in the cell; without one, the deviation over seeds stands there
+    pair: str = _DEVIATION  # how that stands after the first
+    second_digits: int | None = None
+    native: str = ""  # what the file in which the measured data came has for it: its `rank`, `bytes` or `bits` a texel
+    sparse: bool = False  # whether to leave the column out if no row has a number for it
+    timed: bool = False  # whether it is a time, which gets a star and no mark if it was measured apart from the others
+    stated: bool = False  # whether it is a statistic over slices, which may be exact or not applicable
+    deviation: bool = True  # whether to show the deviation over seeds
+    whole_only: bool = False  # whether it says nothing about a scene, so that models of a scene are not marked in it
+
+    @property
+    def beside(self) -> str:
+        """The column of values that has the second number of a cell."""
+        return self.second or f"{self.field} ± seeds"
+
+    def column(self, values: pd.DataFrame, unranked: str = "unranked") -> Column:
+        """The column as it is written of these values; `unranked` is the column of rows that get no mark."""
+        unit = self.unit
+        if self.pair == _DEVIATION and values[self.beside].notna().any():
+            unit = f"{unit} ± {'slices' if self.second else 'seeds'}".strip()
+        better = next((arrow for arrow in "↑↓" if arrow in self.unit), "")
+        return Column(
+            self.name,
+            unit,
+            self.field,
+            self.digits,
+            better=better,
+            after=("*", "timed apart") if self.timed else ("", ""),
+            beside=self.beside,
+            pair=self.pair,
+            beside_digits=self.second_digits,
+            unranked="unranked in time" if self.timed else unranked,
+        )
+
+    def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> tuple[Any, float]:
+        """The number of a codec's seeds, or a word, and the number beside it; infinite if all of them are exact."""
+        values = [self._value(record) for record in records]
+        if values and all(value == EXACT for value in values):
+            return inf, nan
+        numbers = []
+        seconds = []
+        for value, record in zip(values, records, strict=True):
+            if value == EXACT or not isinstance(value, str):
+                numbers.append(record[self.field])  # of an exact one what it counts as in means, such as 48.13 dB
+                seconds.append(0.0 if value == EXACT else record.get(self.second, nan))
+        numbers = [number for number in numbers if not isnan(number)]
+        seconds = [second for second in seconds if not isnan(second)]
+        if not numbers:
+            return (values[0] if values else nan), nan
+        if self.pair == _TO:
+            return min(numbers), max(seconds)
+        if self.second:
+            return fmean(numbers), fmean(seconds) if seconds else nan
+        read = Column("", "", "", self.digits).rounded
+        alike = len({value if isinstance(value, str) else str(read(value)) for value in values}) == 1
+        shown = self.deviation and len(numbers) > 1 and not alike
+        return fmean(numbers), stdev(numbers) if shown else nan
+
+    def _value(self, record: Mapping[str, Any]) -> Any:
+        """The number of one record, NaN without one, or a word that says why it has none."""
+        value = record[self.field]
+        if self.timed and record["apart"] and not isnan(value):
+            return NOT_COMPARABLE
+        if self.field.startswith("scene/metrics/") and isnan(value) and isinstance(record["scene/name"], str):
+            return EXACT
+        if self.stated:
+            group = self.field.rpartition("/")[0]
+            exact, slices = record[f"{group}/exact"], record[f"{group}/slices"]
+            if exact and exact == slices:
+                return EXACT
+            if isnan(value) and not isnan(slices) and not self.field.endswith("/worst"):  # which older records lack
+                return NOT_APPLICABLE
+        return value
+
+
+_TO = " to {}"  # of an interval, whose lower end is the first number
+
+SIZE = (
+    Measure("decoder", "param.", "parameters"),
+    Measure("tex.", "chan.", "cost/texture_channels", native="rank"),
+    Measure("decoder", "bytes", "bytes/decoder"),
+    Measure("texture", "bytes", "bytes/texture"),
+    Measure("other", "bytes", _OTHER_BYTES),
+    Measure("total", "bytes ↓", "bytes/total", native="bytes"),
+    Measure("shared", "bytes", "bytes/shared", sparse=True),
+    Measure("resident", "bytes", "resident", sparse=True),
+    Measure("bits per", "texel ↓", "bits", -4, native="bits"),
+)
+_TOTAL = SIZE[5]
+_NS = Measure("time", "ns ↓", "timing/ns_per_sample", -3, timed=True)
+_INTERVAL = Measure("95 % interval", "ns", "timing/interval95_ns/0", -3, "timing/interval95_ns/1", _TO, timed=True)
+_FLOOR = Measure("time", "× floor", "timing/ratio_to_floor", -3, timed=True)
+_FUSED = Measure("fused", "× floor", _FUSED_TIME, -3, sparse=True)
+
+
+def _declared() -> list[Measure]:
+    """The columns that fields of a record declare, such as the seconds of a fit; see `bench.records.shown_columns`."""
+    # `digits` are significant ones; 0 for an integer.
+    return [Measure(name, unit, field, -digits) for field, (name, unit, digits) in shown_columns().items()]
+
+
+def _time() -> list[Measure]:
+    """The columns that fields declare, and those of the time of a query."""
+    return [*_declared(), _NS, _INTERVAL, _FLOOR, _FUSED]
+
+
+def _mean(name: str, unit: str, metric: str, group: str, statistic: str = "mean", spread: bool = False) -> Measure:
+    """A metric over a group of pairs; with `spread`, its deviation over slices stands beside it."""
+    field = f"scores/{group}/metrics/{metric}"
+    second = f"{field}/std" if spread else ""
+    return Measure(name, unit, f"{field}/{statistic}", 2 if in_decibels(metric) else 3, second, stated=True)
+
+
+def _others(material: MaterialRows, spread: bool) -> list[Measure]:
+    """Every metric over the pairs that decide, but for PSNR and errors of radiance, which have a table of their own."""
+    group = _deciding(material)
+    shown = [(name, facts) for name, facts in material.metrics.items() if name != PSNR and not is_relative(name)]
+    return [_mean(label_of(name), unit_and_arrow(facts), name, group, spread=spread) for name, facts in shown]
+
+
+def _psnr(material: MaterialRows, spread: bool = False) -> Measure:
+    """PSNR over the pairs that decide."""
+    return _mean("PSNR", "dB ↑", PSNR, _deciding(material), spread=spread)
+
+
+def _deciding(material: MaterialRows) -> str:
+    return material.measured[0].deciding_group if material.measured else "heldout"
+
+
+def _quality(material: MaterialRows) -> list[Measure]:
+    """PSNR of training pairs and of those that decide, and every other metric."""
+    # All cells of a row show one kind of deviation: that over seeds, if there are several seeds, else that over slices.
+    spread = len(material.seeds) == 1
+    group = _deciding(material)
+    return [
+        _mean("PSNR train", "dB ↑", PSNR, "train"),
+        _psnr(material, spread),
+        _mean("worst tenth", "dB ↑", PSNR, group, "worst"),
+        _mean("PSNR pooled", "dB ↑", PSNR, group, "pooled"),
+        *_others(material, spread),
+    ]
+
+
+def in_short(material: MaterialRows) -> list[Measure]:
+    """The size of a file, its PSNR and its times, whether or not rows have them."""
+    return [_TOTAL, SIZE[-1], _psnr(material), *(measure for measure in _time() if not measure.sparse)]
+
+
+def psnr_of(run: Run, material: MaterialRows) -> dict[str, float]:
+    """By label the PSNR of each codec that was measured, infinite without an error; NaN where its records lack it."""
+    measure = _psnr(material)
+    codecs = [codec for codec in material.codecs if codec.measured]
+    found = {values["codec"]: values[measure.field] for values in rows_of(run, codecs, [measure])}
+    return {label: nan if isinstance(psnr, str) else psnr for label, psnr in found.items()}
+
+
+def _main(material: MaterialRows) -> list[Measure]:
+    return [*SIZE, *_quality(material), *_time()]
+
+
+def _slices(material: MaterialRows) -> list[Measure]:
+    """Every metric as papers report it: mean ± std over slices."""
+    return [_psnr(material, spread=True), *_others(material, spread=True)]
+
+
+def _angular(material: MaterialRows) -> list[Measure]:
+    """PSNR over each band of the pairs that decide, such as grazing views, with its number of slices."""
+    return [_mean(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(material)]
+
+
+def _radiance(material: MaterialRows) -> list[Measure]:
+    """The error of linear radiance over each band, absolute and in per cent of the mean radiance."""
+    measures = []
+    for name, group, count in _bands(material):
+        field = f"scores/{group}/metrics/{RMSE}"
+        unit = f"radiance ↓ ({count:,})"
+        measures.append(Measure(name, unit, f"{field}/pooled", -3, f"{field}/{_PERCENT}", " ({} %)", 1))
+    return measures
+
+
+def _footprints(material: MaterialRows) -> list[Measure]:
+    """PSNR by side of the square over which an answer is averaged, in texels; then that of answers between texels."""
+    measures = []
+    for side in material.measured[0].job["footprints"]:
+        name = "1 texel" if side == "1" else f"{side} texels"
+        measures.append(Measure(name, "dB ↑", f"footprints/{side}/mean", 2, stated=True))
+    return [*measures, Measure("between texels", "dB ↑", "between/mean", 2, sparse=True)]
+
+
+def _scored(material: MaterialRows) -> list[Measure]:
+    """Columns of a file that was scored alone, without a record of its fit."""
+    sizes: list[Measure] = []
+    if all(row.job["bytes"] for row in material.measured):  # slices that another program computed come without a file
+        sizes = [SIZE[0], SIZE[1], _TOTAL, SIZE[-1]]
+    train = _mean("train", "dB ↑", PSNR, "train")  # a shorter name, because a terminal is narrow
+    return [*sizes, train, _psnr(material), *_others(material, spread=False)]
+
+
+def _short(material: MaterialRows) -> list[Measure]:
+    """Columns that fit into the width of a terminal, of which only PSNR shows its deviation over seeds."""
+    measures = [*_scored(material), *_declared(), _NS, _FLOOR, _FUSED]
+    return [measure._replace(deviation=measure.name == "PSNR") for measure in measures]
+
+
+def _detail(material: MaterialRows) -> list[Measure]:
+    """PSNR by direction and by footprint, and the error of radiance over the pairs that decide."""
+    error = Measure("RMSE", "% mean ↓", f"scores/{_deciding(material)}/metrics/{RMSE}/{_PERCENT}", 1)
+    # Without the first band, all pairs that decide, and the first footprint, one texel: the first column shows both.
+    others = [*_angular(material)[1:], error, *_footprints(material)[1:]]
+    return [_psnr(material, spread=True), *(measure._replace(deviation=False) for measure in others)]
+
+
+class _Band(NamedTuple):
+    """A group of pairs as a column: the name in the header, the group in a record, and the number of its slices."""
+
+    name: str
+    group: str
+    slices: int
+
+
+def _bands(material: MaterialRows) -> list[_Band]:
+    """All pairs that decide, then the subsets of them, without subsets of subsets, which would be too many columns;
+    last the pairs of low light, where there are some, which decide nothing.
+
+    A record names a group after what it is part of: "heldout", then "heldout, grazing view".
+    """
+    scores = material.measured[0].job["scores"]  # all comparable rows have the same groups
+    deciding = deciding_group(scores)
+    subsets = []
+    for group in scores:
+        parent, _, subset = group.partition(", ")
+        is_subset_of_subset = ", " in subset
+        if parent == deciding and subset and not is_subset_of_subset:
+            subsets.append(_Band(_BAND_NAMES.get(subset, subset), group, scores[group].get("slices", 0)))
+    order = list(_BAND_NAMES.values())  # bands with other names are last
+    subsets.sort(key=lambda band: order.index(band.name) if band.name in order else len(order))
+    if LOW_LIGHT in scores:
+        subsets.append(_Band("θ_i>75°", LOW_LIGHT, scores[LOW_LIGHT].get("slices", 0)))
+    all_name = "held out" if deciding == "heldout" else "all"
+    return [_Band(all_name, deciding, scores[deciding].get("slices", 0)), *subsets]
+
+
+def _scene(material: MaterialRows) -> list[Measure]:
+    """Quality in the frames of a scene, over the pairs that it uses, and over the others; none without a scene.
+
+    *Weighted* metrics are over the queries that the scene makes.
+    """
+    job = material.measured[0].job
+    if not job.get("scene"):
+        return []
+    measures = [_TOTAL]
+    # Pairs that are held out and that the scene uses; a scene may use none.
+    if SCENE_HELDOUT in job["scores"]:
+        measures.append(_mean("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
+    for name in job["scene"]["metrics"]:
+        if not is_relative(name):
+            unit, digits = unit_and_arrow(facts_of(job, name)), 2 if in_decibels(name) else 3
+            measures.append(Measure(f"frames {label_of(name)}", unit, f"scene/metrics/{name}", digits))
+    for name in metrics_of(job, "scene"):  # the group of the pairs that the scene uses
+        if not is_relative(name):
+            unit = unit_and_arrow(facts_of(job, name))
+            measures.append(_mean(f"weighted {label_of(name)}", unit, name, "scene", "pooled"))
+    outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)  # over the pairs that the scene does not use
+    return [*measures, *(measure._replace(whole_only=True) for measure in (outside, _psnr(material)))]
+
+
+def _scene_notes(material: MaterialRows) -> list[str]:
+    scene = material.measured[0].job.get("scene")
+    if not scene:
+        return []
+    count, height, width = scene["frames"]  # the number of frames, and their sides in pixels
+    pictures = f"picture{'s' * (count != 1)}"
+    return [
+        *scene_gains(material),
+        "Held out in the scene: PSNR of held-out pairs between pairs that the scene uses, weighted by its demand. No "
+        "codec saw them; frames have a reference that is interpolated between training pairs, which are seen.",
+        f"Frames: the scene's {count} {pictures} of {width} × {height}, rendered from the decoded file and compared "
+        "with those of the reference table, over the pixels that show the material.",
+        "Weighted: slices of all pairs, weighted by how often the scene looks at them. Outside: at pairs that it never "
+        "looks at. PSNR: at the held-out pairs, as in the main table.",
+        *common_notes(material),
+        *_seed_notes(material),
+    ]
+
+
+def _notes(
+    of_table: Callable[[MaterialRows], Sequence[str]] = common_notes, first: Sequence[str] = ()
+) -> Callable[[MaterialRows], list[str]]:
+    """The notes of a table, then those on models of a scene, which stand last, and on seeds."""
+    return lambda material: [*first, *of_table(material), *scene_notes([material]), *_seed_notes(material)]
+
+
+class _Described(NamedTuple):
+    """The tables of a kind: words for their title, their columns, and their notes."""
+
+    kind: str
+    about: str
+    measures: Callable[[MaterialRows], Sequence[Measure]]
+    notes: Callable[[MaterialRows], Sequence[str]]
+
+
+_RELATIVE = "(…): relative to the mean radiance of the same pairs, because an absolute error is small in dark slices."
+_BOXES = "Answers over a square of this many texels a side, compared with the box-filtered truth."
+_WHERE = "dB: display PSNR by direction (and number of slices) and by footprint. RMSE: of radiance, over its mean."
+_SLICES = "as papers report it, mean ± std over slices"
+_TABLES = {
+    "main": _Described("main", "", _main, _notes(main_notes)),
+    # A main table for a page that is too narrow for all of its columns is two.
+    "quality": _Described("main", "quality", _quality, _notes(quality_notes)),
+    "cost": _Described("main", "size and time", lambda _: (*SIZE, *_time()), _notes(cost_notes)),
+    # For a terminal: a main table, one of a file without a run, and both footprints and directions.
+    "short": _Described("main", "", _short, _notes(main_notes)),
+    "scored": _Described("main", "", _scored, _notes(main_notes)),
+    "detail": _Described("detail", "where the error lies", _detail, lambda _: [_WHERE]),
+    "slices": _Described("slices", _SLICES, _slices, _notes(quality_notes)),
+    "angular": _Described("angular", "display PSNR by direction", _angular, _notes()),
+    "radiance": _Described("radiance", "error of radiance by direction", _radiance, _notes(first=[_RELATIVE])),
+    "footprints": _Described("footprints", "display PSNR by footprint", _footprints, _notes(first=[_BOXES])),
+    "scene": _Described("scene", "scores in the scene", _scene, _scene_notes),
+}
+
+
+def tables(run: Run, materials: Iterable[MaterialRows], name: str, stale: bool = True) -> Iterator[Table]:
+    """The tables that `_TABLES` describes by that name, one for each material that has numbers.
+
+    A row a codec, the mean over its seeds, the best first; with `stale`, rows of older versions are marked.
+    """
+    kind, about, measures_of, notes_of = _TABLES[name]
+    for material in materials:
+        measures = measures_of(material) if material.measured else []
+        if not measures:
+            continue
+        codecs = sorted(material.codecs, key=scene_quality if kind == "scene" else _rank, reverse=True)
+        rows = [*rows_of(run, codecs, measures), *_in_addition(material.measured[0].job, measures)]
+        values = pd.DataFrame(rows, dtype=object)
+        if not stale:
+            values = values.drop(columns="stale")
+        columns = [Column("codec", "", "codec")]
+        for measure in measures:
+            if not measure.sparse or values.loc[values["measured"], measure.field].notna().any():
+                # In the table of a scene its models are ranked, but not in columns that are not about it.
+                in_scene = kind == "scene" and not measure.whole_only
+                columns.append(measure.column(values, "in addition" if in_scene else "unranked"))
+        title = f"{material.name}: {about}" if about else material.name
+        if kind == "scene":
+            title += f" {material.measured[0].job['scene']['name']}"
+        if kind != "detail":
+            title += f" ({material.split_in_words})"
+        yield written(kind, title, values, columns, notes_of(material), material=material.name)
+
+
+def rows_of(run: Run, codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
+    """The values of each codec on a material, over its seeds, by field, and that which stands beside each.
+
+    Further columns: `codec`, its label; `stale`, why its newest seed cannot be made again; `measured`, whether it has
+    numbers; and whether it is `unranked`, has times that were `timed apart`, or is `in addition` to the codecs. Codecs
+    without numbers say why: `n/c` in each cell if a job is not comparable, “failed” in the first if one failed.
+    """
+    codecs = list(codecs)
+    records = _records(run, [row.job["job"] for codec in codecs for row in codec.rows], measures)
+    for codec in codecs:
+        measured = [records[row.job["job"]] | _of_row(row) for row in codec.measured]
+        reasons = [records[row.job["job"]]["stale"] for row in codec.rows]
+        apart = any(row.timed_apart for row in codec.measured)
+        values: dict[str, Any] = {
+            "codec": codec.label,
+            "stale": next((reason for reason in reversed(reasons) if reason), ""),
+            "measured": bool(measured),
+            "unranked": codec.of_scene,
+            "timed apart": apart,
+            "unranked in time": codec.of_scene or apart,
+            "in addition": False,
+        }
+        for measure in measures:
+            values[measure.field], values[measure.beside] = measure.over_seeds(measured)
+        if not measured and any(row.obstacle for row in codec.rows):
+            values |= {measure.field: NOT_COMPARABLE for measure in measures}
+        elif not measured and any(row.job["status"] == "failed" for row in codec.rows):
+            values[measures[0].field] = "failed"
+        yield values
+
+
+@view
+def _frame(run: Run) -> pd.DataFrame:
+    """The frame of a run by name of job, with what is computed of its columns."""
+    frame = frame_of(run)
+    frame.index = _names(frame["job"])
+    names = [str(name) for name in frame]
+    relative = [name for name in names if name.endswith("/relative")]
+    percent = (100 * frame[relative]).rename(columns=lambda name: name.replace("relative", _PERCENT))
+    others = [name for name in names if name.startswith("bytes/") and name not in _NAMED_BYTES]
+    return pd.concat([frame, percent, frame[others].sum(axis=1).rename(_OTHER_BYTES)], axis=1)
+
+
+def _records(run: Run, jobs: list[str], measures: Sequence[Measure]) -> dict[str, dict[str, Any]]:
+    """The fields of these columns by name of job, NaN where a job lacks one."""
+    fields = ["stale", "scene/name"]
+    for measure in measures:
+        group = measure.field.rpartition("/")[0]
+        fields += [measure.field, f"{group}/exact", f"{group}/slices", *filter(None, [measure.second])]
+    found: dict[Any, Any] = _frame(run).reindex(_names(jobs), columns=_names(dict.fromkeys(fields))).to_dict("index")
+    return found
+
+
+def _names(names: Iterable[str]) -> pd.Index:
+    """Names as objects, because strings of pandas cannot hold all that a record may, such as half of a character."""
+    return pd.Index(list(names), dtype=object)
+
+
+def _of_row(row: Row) -> dict[str, Any]:
+    """What the frame does not say of a job: its time as one kernel, and whether its time must not be compared."""
+    fused = row.fused["ratio_to_floor"] if row.fused else nan
+    # A time of another start is shown, with a star; one under other conditions is not.
+    return {_FUSED_TIME: fused, "apart": bool(row.timing_obstacle) and not row.timed_apart}
+
+
+def _in_addition(job: Job, measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
+    """The rows of the file in which the measured data came, and of an all-black answer, where they say something.
+
+    The first needs a file that is a factorisation, such as a codec makes; the second has a PSNR if the material is
+    badly exposed. `job` is any comparable one of the material.
+    """
+    empty: dict[str, Any] = {"stale": "", "measured": False, "timed apart": False}
+    empty |= {"unranked": True, "unranked in time": True, "in addition": True}
+    for measure in measures:
+        empty |= {measure.field: nan, measure.beside: nan}
+    native = job.get("provenance", {}).get("native")  # its `bytes`, its `rank`, and its `name` from some readers
+    shown = [measure for measure in measures if measure.native]
+    if native and shown:
+        height, width = job["shape"]
+        facts = native | {"bits": 8 * native["bytes"] / (height * width)}  # a texel
+        name = native.get("name", "dfmf")  # only the reader of UBO2014, whose files are of this format, gives no name
+        yield empty | {"codec": f"{name} (native)"} | {measure.field: facts[measure.native] for measure in shown}
+    psnr = [measure.field for measure in measures if measure.name == "PSNR"]
+    if "black" in job and psnr:
+        yield empty | {"codec": "black"} | dict.fromkeys(psnr, job["black"])
+
+
+def _rank(codec: CodecRows) -> tuple[bool, float]:
+    """The key that sorts a table, the greatest first: whether the codec models the whole material and not a scene, then
+    the mean PSNR of its seeds. A codec without any number is the last of the models of whole materials."""
+    if not codec.measured:
+        return True, -inf
+    # Without an error, there is no PSNR.
+    return not codec.of_scene, fmean(MOST_DB if row.psnr is None else row.psnr for row in codec.measured)
+
+
+def _seed_notes(material: MaterialRows) -> Iterator[str]:
+    """Notes on several seeds, and on codecs that lack some."""
+    seeds = material.seeds
+    if len(seeds) < 2:
+        return
+    yield f"Seeds {', '.join(map(str, seeds))}: a number is their mean; “± seeds”: the deviation over them."
+    lacking = [codec for codec in material.codecs if 0 < len(codec.measured) < len(seeds)]
+    for count, codecs in grouped(lacking, lambda codec: len(codec.measured)).items():
+        yield f"{count} of {len(seeds)} seeds: {', '.join(codec.label for codec in codecs)}."
