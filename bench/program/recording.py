@@ -1,6 +1,6 @@
 """Records a decoded material as a program: the steps that compute one query, and the constants that they need.
 
-`program_of` records the operations of `Material.faded` for one query by `torch.export`. So one generator writes the
+`program_of` records the operations of `Material.faded` for one query with PyTorch's tracer. So one generator writes the
 shaders of all codecs whose operations it knows, including external ones; no codec writes a shader. Operations on only
 constants are computed here and become constants.
 """
@@ -15,7 +15,10 @@ from contextlib import contextmanager, redirect_stdout
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
+from torch.func import functionalize
+from torch.fx import GraphModule
+from torch.fx.experimental.proxy_tensor import make_fx
 
 from bench.inputs.errors import InputError
 from bench.material import Material
@@ -40,21 +43,25 @@ def _quiet() -> Iterator[None]:
         logging.disable(logging.NOTSET)
 
 
-class _Evaluate(nn.Module):
-    """What a material computes, as a module, because torch.export takes nothing else."""
+@contextmanager
+def _exporting() -> Iterator[None]:
+    """Let `torch.compiler.is_exporting()` say that a recording is under way, as in `torch.export`."""
+    flags = "_is_compiling_flag", "_is_exporting_flag"
+    before = [getattr(torch.compiler, flag) for flag in flags]
+    try:
+        for flag in flags:
+            setattr(torch.compiler, flag, True)
+        yield
+    finally:
+        for flag, value in zip(flags, before, strict=True):
+            setattr(torch.compiler, flag, value)
 
-    def __init__(self, material: Material):
-        super().__init__()
-        self.material = material
 
-    def forward(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        if not self.material.lowest_light:  # it was not read from a file
-            return self.material.evaluate(uv, wo, wi, footprint)
-        return self.material.faded(uv, wo, wi, footprint)
+def _recorded(material: Material) -> GraphModule:
+    """The graph of a material's answer to one query, in operations of the core set that change nothing in place.
 
-
-def _exported(material: Material) -> torch.export.ExportedProgram:
-    """What PyTorch records of a material's answer to one query, in operations of the core set."""
+    `torch.export` gives the same graph in three times the time.
+    """
     # Only the shapes of this query matter: what depends on its values cannot be recorded.
     zenith = torch.tensor([[0.0, 0.0, 1.0]])
     query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)
@@ -62,13 +69,18 @@ def _exported(material: Material) -> torch.export.ExportedProgram:
     plain = torch.export.default_decompositions()
     plain[torch.ops.aten._cdist_forward.default] = _distances
     plain[torch.ops.aten.topk.default] = _first
-    with torch.no_grad(), _quiet():
-        exported = torch.export.export(_Evaluate(material), query, strict=False)  # not strict: Python runs as it is
-        # PyTorch knows a constant again and computes with its value: of one number looked up, with unset memory.
-        for name, constant in exported.constants.items():
-            if isinstance(constant, Tensor):
-                exported.constants[name] = constant.detach()
-        return exported.run_decompositions(plain)
+    # What was not read from a file has no lowest light.
+    answer = material.faded if material.lowest_light else material.evaluate
+
+    def of_query(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return answer(uv, wo, wi, footprint)
+
+    with torch.no_grad(), _quiet(), _exporting():
+        as_written = make_fx(of_query)(*query)
+        # `functionalize` takes only what PyTorch itself does not take apart, so it is given the first graph.
+        graph = make_fx(functionalize(as_written), decomposition_table=dict(plain))(*query)
+    graph.graph.eliminate_dead_code()
+    return graph
 
 
 def _distances(left: Tensor, right: Tensor, order: float, mode: int | None) -> Tensor:
@@ -105,39 +117,36 @@ def program_of(material: Material) -> Program:
         # In a thread of its own. A profiler that inspects the frames of this one, such as a Dask worker's, keeps them
         # alive, and with them guards by which PyTorch pauses recording, so an operation would be missing.
         with _RECORDING, ThreadPoolExecutor(1) as thread:
-            exported = thread.submit(_exported, material).result()
-        return _program_from(exported, material.size)
-    except Exception as error:  # torch.export has no exception type of its own
+            graph = thread.submit(_recorded, material).result()
+        return _program_from(graph, material.size)
+    except Exception as error:  # PyTorch has no type of its own for what it cannot record
         message = str(error).strip()
         what = message.splitlines()[0] if message else type(error).__name__
         raise InputError(f"this material cannot be recorded as a program: {what}") from error
 
 
-def _program_from(exported: torch.export.ExportedProgram, size: tuple[int, int]) -> Program:
+def _program_from(graph: GraphModule, size: tuple[int, int]) -> Program:
     """The program of a recording, for a material of `size` (H, W)."""
-    tensors = {**exported.state_dict, **exported.constants}  # weights and constants by name
-    signature = exported.graph_signature
-    # By placeholder of the graph, the name of the weight or constant that it stands for.
-    target_of = {
-        **signature.inputs_to_parameters,
-        **signature.inputs_to_buffers,
-        **signature.inputs_to_lifted_tensor_constants,
-    }
-    recorder = _Recorder({placeholder: tensors[target].detach() for placeholder, target in target_of.items()})
-    for placeholder, name in zip(signature.user_inputs, INPUTS, strict=True):
-        recorder.values[str(placeholder)] = name
-    for node in exported.graph.nodes:
-        if node.op == "call_function":
-            recorder.record(node)
-    (result,) = signature.user_outputs
-    return recorder.program(str(result), size)
+    recorder = _Recorder()
+    inputs = iter(INPUTS)
+    for node in graph.graph.nodes:
+        match node.op:
+            case "placeholder":
+                recorder.values[node.name] = next(inputs)
+            case "get_attr":  # a constant
+                recorder.values[node.name] = getattr(graph, str(node.target)).detach()
+            case "call_function":
+                recorder.record(node)
+            case "output":
+                (result,) = node.args
+    return recorder.program(result.name, size)
 
 
 class _Recorder:
     """Maps each node of the graph to a constant tensor, or to the name of an input or a step."""
 
-    def __init__(self, constants: dict[str, Tensor]):
-        self.values: dict[str, Any] = dict(constants)  # by name of the node
+    def __init__(self) -> None:
+        self.values: dict[str, Any] = {}  # by name of the node
         self.steps: list[Step] = []
 
     def record(self, node: torch.fx.Node) -> None:
@@ -220,9 +229,9 @@ class _Recorder:
         return value
 
     def _keep(self, tensor: Tensor) -> str:
-        """Store a constant and return its name; the same object keeps the name that it has."""
+        """Store a constant and return its name; the same numbers in memory keep the name that they have."""
         for name, value in self.values.items():
-            if value is tensor:
+            if isinstance(value, Tensor) and _is_same(value, tensor):
                 return name
         name = f"constant{len(self.values)}"
         self.values[name] = tensor
@@ -245,6 +254,13 @@ class _Recorder:
                 constant = constant.float() if constant.is_floating_point() else constant.int()
                 constants[name] = constant.numpy()
         return Program(tuple(reversed(steps)), constants, last, size)
+
+
+def _is_same(one: Tensor, other: Tensor) -> bool:
+    """Whether two tensors are the same numbers in memory, in the same order."""
+    if one.shape != other.shape or one.dtype != other.dtype or one.stride() != other.stride():
+        return False
+    return one.data_ptr() == other.data_ptr()
 
 
 def _kind_of(tensor: Tensor) -> str:

@@ -276,15 +276,17 @@ def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: In
         return -float(np.log2(share / TOTAL).sum())
 
     best: tuple[int, ...] = FIRST
-    least = length(best)
+    lengths = {best: length(best)}
     improved = True
     while improved:
         improved = False
         for place, count in enumerate((16, 16, 16, len(SHAPES))):
             for number in range(count):
                 tried = (*best[:place], number, *best[place + 1 :])
-                found = length(tried)
-                if found < least:
-                    best, least = tried, found
+                if tried in lengths:  # no better than the best, then as now
+                    continue
+                lengths[tried] = length(tried)
+                if lengths[tried] < lengths[best]:
+                    best = tried
                     improved = True
     return np.array(best)

@@ -24,14 +24,11 @@ MOST_PRODUCTS = 10_000  # of matrices outside networks, whose code does not stay
 
 @torch.library.custom_op("neubtf::network", mutates_args=())
 def _network(inputs: Tensor, number: int, outputs: int) -> Tensor:
-    """The operation that stands for network `number` of a material in a program."""
-    raise NotImplementedError("it only stands for a network in a program, and computes nothing")
+    """The operation that stands for network `number` of a material in a program: zeros (n, outputs), in a recording."""
+    return inputs.new_zeros(len(inputs), outputs)
 
 
-@_network.register_fake
-def _(inputs: Tensor, number: int, outputs: int) -> Tensor:
-    """The shape of the answer, (n, outputs), for a recording."""
-    return inputs.new_empty(len(inputs), outputs)
+_network.register_fake(lambda inputs, number, outputs: inputs.new_zeros(len(inputs), outputs))
 
 
 class Placeholder(Network):
