@@ -5,6 +5,7 @@ The classes in `schema` describe fields by type hints. pydantic checks a record 
 `Shown`).
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -97,7 +98,7 @@ def _told(value: Any, error: "ValidationError") -> str:
     # Of a field of several types there is an error for each type.
     words = [first["msg"], *(each["msg"] for each in others if _place(value, each["loc"])[0] == place)]
     told = " or ".join(dict.fromkeys(words)).removeprefix("Value error, ")
-    told = told.replace(" or Input should be", " or").replace("Input should", "must")
+    told = re.sub("^(Input|List|String) should", "must", told.replace(" or Input should be", " or"))
     what = f"an object of {len(held)}" if isinstance(held, dict) else shown(held)
     return f"{place} {told}, not {what}".lstrip()
 
