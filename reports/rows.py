@@ -201,7 +201,7 @@ def facts_of(job: Job, metric: str) -> MetricFacts:
     variant = metric_of(described, metric)  # "" if there is none
     if described.get(variant):
         return described[variant]
-    return MetricFacts(unit="1", direction="higher")  # an older record does not describe it
+    return MetricFacts(unit="1", direction="higher", version=0)  # an older record does not describe it
 
 
 def unit_and_arrow(metric: MetricFacts) -> str:

@@ -1,13 +1,17 @@
 """Applies the descriptions of fields to a record: finds faults, makes shorter forms, checks needed fields.
 
-The classes in `schema` describe fields by type hints. A hint such as `Annotated[float, NUMBER, RESULTS]` has *marks*:
-the `Kind` of its values, and what the field is used for (`Use`, `Needed`, `Shown`).
+The classes in `schema` describe fields by type hints. pydantic checks a record by them. A hint such as
+`Annotated[Number, RESULTS]` has *marks*: besides the limits of its values, what the field is used for (`Use`, `Needed`,
+`Shown`).
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import (
+    TYPE_CHECKING,
+    Annotated,
     Any,
     Literal,
     NotRequired,
@@ -17,13 +21,15 @@ from typing import (
     get_args,
     get_origin,
     get_type_hints,
-    is_typeddict,
 )
 
-from bench.inputs.errors import InputError
-from bench.records import kinds
-from bench.records.kinds import Each, Fields, Kind, Plain, Several
-from bench.records.schema import Job, Needed, RunStart, Shown, Stress, Timing, Trade, Use
+from typing_extensions import is_typeddict
+
+from bench.inputs.errors import InputError, shown
+from bench.records.schema import Job, Needed, RunStart, Shown, Stress, Timing, Trade, TradeChoice, Use
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter, ValidationError
 
 Kept = TypeVar("Kept", Job, RunStart, Timing, Stress)
 
@@ -34,57 +40,21 @@ _SCORED = ("bytes", "psnr", "worst", "flip")
 _WITH_FILE = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", "smallest")
 
 
-@cache
-def field_kind(hint: Any) -> Kind:
-    """The kind of values that a type describes.
-
-    A type that is marked with a kind is of that kind. Other marks, and `Required` or `NotRequired`, stand around the
-    type that counts.
-    """
-    marks = getattr(hint, "__metadata__", ())
-    for mark in marks:
-        if isinstance(mark, Kind):
-            return mark
-    if marks or get_origin(hint) in (Required, NotRequired):
-        return field_kind(get_args(hint)[0])
-    if is_typeddict(hint):
-        kind_of_field = {name: field_kind(each) for name, each in get_type_hints(hint, include_extras=True).items()}
-        must = {*hint.__required_keys__, *field_names(Use.MUST, hint)}
-        # In the order of their descriptions, because faults are told in this order.
-        needed = tuple(name for name in kind_of_field if name in must)
-        return Fields(kind_of_field, needed, hint)
-    # A type without marks: `Literal["a", "b"]`, `dict[str, X]`, `list[X]`, `X | None`, or a plain one.
-    generic = get_origin(hint)
-    arguments = get_args(hint)
-    if generic is Literal:
-        return Plain(" or ".join(map(repr, arguments)), lambda value: isinstance(value, str) and value in arguments)
-    if generic is dict:
-        return Each(field_kind(arguments[1]))  # of the values; names are texts
-    if generic is list:
-        return Several(field_kind(arguments[0]))
-    if type(None) in arguments:  # `X | None`
-        plain: Any = field_kind(arguments[0])
-        if plain is kinds.NUMBER:  # by far the most: a run has hundreds of thousands
-            return kinds.NUMBER_OR_NULL
-        return Plain(f"{plain.words} or null", lambda value: value is None or plain.test(value))
-    kind_of_plain_type: dict[Any, Kind] = {bool: kinds.FLAG, Any: kinds.ANYTHING}
-    return kind_of_plain_type[hint]
-
-
 def fault(record: Mapping[str, Any]) -> str:
     """The first wrong field of a record, and what it must be; "" if all are right.
 
     A job with a result needs its numbers, and one that failed its error.
     """
-    needed: tuple[str, ...] = ()
-    if record["kind"] == "job" and "status" in record:
-        needed = _RESULT_FIELDS if record["status"] == "ok" else ("error",)
-    return kinds.missing(record, needed) or kinds.fault_of(FIELDS[record["kind"]], record)
+    described = FIELDS[record["kind"]]
+    needed = field_names(Use.MUST, described)
+    if described is Job:
+        needed += _RESULT_FIELDS if record.get("status") == "ok" else ("error",)
+    return _missing(record, needed) or fault_of(described, record)
 
 
 def fault_of_trade(trade: Mapping[str, Any]) -> str:
     """The first wrong or missing field of the measurements of `neubtf-bench trade`, in words; "" if all are right."""
-    wrong = fault_of(Trade, trade)
+    wrong = _missing(trade, field_names(Use.MUST, Trade)) or fault_of(Trade, trade)
     if wrong:
         return wrong
     for row in trade["choices"]:
@@ -93,7 +63,8 @@ def fault_of_trade(trade: Mapping[str, Any]) -> str:
             needed = _SCORED if "psnr" in row else ()  # some are scored, but their time cannot be measured
         elif "bytes" in row:  # the floor, a bare network, has no file and so no bytes
             needed = (*_TIMED, *_WITH_FILE)
-        wrong = kinds.missing(row, needed, f"choices/{row['label']:.60}")
+        place = f"choices/{row.get('label', ''):.60}"
+        wrong = _missing(row, (*field_names(Use.MUST, TradeChoice), *needed), place)
         if wrong:
             return wrong
     return ""
@@ -101,7 +72,56 @@ def fault_of_trade(trade: Mapping[str, Any]) -> str:
 
 def fault_of(described: type, value: Any) -> str:
     """The first fault of an object that a class describes, such as the facts of a fit, in words; "" if it has none."""
-    return kinds.fault_of(field_kind(described), value)
+    from pydantic import ValidationError  # only where something is read: it takes a tenth of a second
+
+    try:
+        _adapter(described).validate_python(value)
+    except ValidationError as error:
+        return _told(value, error)
+    return ""
+
+
+@cache
+def _adapter(described: Any) -> "TypeAdapter[Any]":
+    """What checks an object that a class describes. A text is no number; fields that no class lists may be there."""
+    from pydantic import ConfigDict, TypeAdapter, with_config
+
+    return TypeAdapter(with_config(ConfigDict(strict=True, extra="allow", allow_inf_nan=False))(described))
+
+
+def _told(value: Any, error: "ValidationError") -> str:
+    """What is wrong at the first wrong place of a value, in words: `scores/heldout must be …, not 3`."""
+    first, *others = error.errors(include_url=False, include_context=False)
+    place, held = _place(value, first["loc"])
+    if first["type"] == "missing":
+        return f"{place}/{first['loc'][-1]} is missing".lstrip("/")
+    # Of a field of several types there is an error for each type.
+    words = [first["msg"], *(each["msg"] for each in others if _place(value, each["loc"])[0] == place)]
+    told = " or ".join(dict.fromkeys(words)).removeprefix("Value error, ")
+    told = re.sub("^(Input|List|String) should", "must", told.replace(" or Input should be", " or"))
+    what = f"an object of {len(held)}" if isinstance(held, dict) else shown(held)
+    return f"{place} {told}, not {what}".lstrip()
+
+
+def _place(value: Any, parts: tuple[int | str, ...]) -> tuple[str, Any]:
+    """The path of a place that pydantic names, such as `scores/heldout`, and what stands there.
+
+    Parts that are not in the value are left out: a missing field, or one of the types that a field may have.
+    """
+    path = []
+    for part in parts:
+        if (isinstance(value, dict) and part in value) or (isinstance(value, list) and isinstance(part, int)):
+            value = value[part]  # type: ignore[index]
+            path.append(f"{part:.60}" if isinstance(part, str) else str(part))
+    return "/".join(path), value
+
+
+def _missing(value: Mapping[str, Any], needed: tuple[str, ...], place: str = "") -> str:
+    """The first needed field that is missing, in words; "" if none is."""
+    for name in needed:
+        if name not in value:
+            return f"{place}/{name} is missing".lstrip("/")
+    return ""
 
 
 def kept(record: Kept, use: Use) -> Kept:
@@ -110,16 +130,24 @@ def kept(record: Kept, use: Use) -> Kept:
     return cast(Kept, _shortened(FIELDS[whole["kind"]], whole, use))
 
 
-def _shortened(kind: Kind, value: Any, use: Use) -> Any:
+def _shortened(hint: Any, value: Any, use: Use) -> Any:
     """A value without what the use does not keep; an object none of whose fields says a use stays whole."""
-    if isinstance(kind, Each) and isinstance(value, dict):
-        return {name: _shortened(kind.item, item, use) for name, item in value.items()}
-    if not isinstance(kind, Fields) or not isinstance(value, dict):
+    while get_origin(hint) in (Annotated, Required, NotRequired):
+        hint = get_args(hint)[0]
+    if not isinstance(value, dict):
         return value
-    names = field_names(use, kind.described)
+    if get_origin(hint) is dict:
+        return {name: _shortened(get_args(hint)[1], item, use) for name, item in value.items()}
+    names = field_names(use, hint) if is_typeddict(hint) else ()
     if not names:
         return value
-    return {name: _shortened(kind.known[name], value[name], use) for name in names if name in value}
+    return {name: _shortened(_hints(hint)[name], value[name], use) for name in names if name in value}
+
+
+@cache
+def _hints(described: Any) -> dict[str, Any]:
+    """The types of the fields of a class, with their marks."""
+    return get_type_hints(described, include_extras=True)
 
 
 @cache
@@ -160,13 +188,11 @@ def _needed_paths(by: str) -> list[str]:
 
 def _marks(described: Any) -> Iterator[tuple[str, Any]]:
     """The name of each field of a class with each mark that describes it; a field with two marks comes twice."""
-    for name, hint in get_type_hints(described, include_extras=True).items():
+    for name, hint in _hints(described).items():
         while get_origin(hint) in (Required, NotRequired):
             hint = get_args(hint)[0]
         for mark in getattr(hint, "__metadata__", ()):
             yield name, mark
 
 
-FIELDS = {
-    name: field_kind(each) for name, each in {"run": RunStart, "job": Job, "timing": Timing, "stress": Stress}.items()
-}
+FIELDS: dict[str, Any] = {"run": RunStart, "job": Job, "timing": Timing, "stress": Stress}

@@ -8,15 +8,18 @@ comes from a file is checked by the same classes (`bench.records.fields`). Besid
 - `Needed`: a comparison or a table requires it (`require`);
 - `Shown`: tables, the page and published results have a column of it.
 
-So a new number takes two edits: its measurement and its field. Fields that are not listed are free, but plain
-(`bench.records.kinds`); the shorter forms drop them.
+So a new number takes two edits: its measurement and its field. Fields that are not listed are free, but plain (`Free`);
+the shorter forms drop them.
 """
 
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Flag, auto
-from typing import Annotated, Any, Literal, NamedTuple, NotRequired, Required, TypedDict
+from typing import Annotated, Any, Literal, NamedTuple, NotRequired, Required
 
-from bench.records import kinds
-from bench.records.kinds import Several
+from annotated_types import Interval, Len, MaxLen
+from typing_extensions import TypedDict  # pydantic cannot read the one of `typing` before Python 3.12
 
 
 class Use(Flag):
@@ -50,36 +53,81 @@ class Shown(NamedTuple):
     digits: int = 3
 
 
-Number = Annotated[float, kinds.NUMBER]
-Positive = Annotated[float, kinds.POSITIVE]
-NotNegative = Annotated[float, kinds.NOT_NEGATIVE]
-Count = Annotated[int, kinds.COUNT]
-Text = Annotated[str, kinds.TEXT]
-Name = Annotated[str, kinds.NAME]
-Setting = Annotated[bool | int | float | str, kinds.SETTING]
-Pair = Annotated[list[float], Several(kinds.NUMBER, 2)]
+LARGEST = 10**18  # a larger number is not a measurement
+WHOLE = (1 << 63) - 1  # the largest whole number, which seeds reach
+DEEPEST = 12
+LONGEST = 1 << 20  # the most characters of a text; a traceback is far shorter
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a value must be besides its type, in words, and the test of it."""
+
+    words: str
+    test: Callable[[Any], object]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        """What pydantic asks a mark for: the check of the type `source`, then the test."""
+        from pydantic_core import core_schema  # only where something is read
+
+        return core_schema.no_info_after_validator_function(self._tested, handler(source))
+
+    def _tested(self, value: Any) -> Any:
+        """The value; `ValueError`, which pydantic makes its message from, if it fails the test."""
+        if not self.test(value):
+            raise ValueError(f"must be {self.words}")
+        return value
+
+
+def _is_plain(value: Any, depth: int = 0) -> bool:
+    """Whether a value of any type is not nested deeply, and holds only numbers and texts that tables can show."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        return depth < DEEPEST and all(_is_plain(item, depth + 1) for item in value)
+    if isinstance(value, str):
+        return len(value) <= LONGEST
+    return value is None or -LARGEST <= value <= WHOLE
+
+
+Number = Annotated[float, Interval(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Interval(gt=0, le=LARGEST)]
+NotNegative = Annotated[float, Interval(ge=0, le=LARGEST)]
+Cosine = Annotated[float, Interval(ge=0, le=1)]
+Count = Annotated[int, Interval(ge=0, le=WHOLE)]
+Side = Annotated[int, Interval(ge=1, le=WHOLE)]
+Text = Annotated[str, MaxLen(LONGEST)]
+Name = Annotated[Text, Rule("a name", str.strip)]
+Digits = Annotated[str, Rule("64 hexadecimal digits", re.compile("[0-9a-f]{64}").fullmatch)]
+Setting = bool | Annotated[int, Interval(ge=-LARGEST, le=WHOLE)] | Number | Text
+Pair = Annotated[list[Number], Len(2, 2)]
 Statistics = dict[str, Number | None]
+Free = Annotated[Any, Rule("finite numbers, texts, true, false or null, not nested deeply", _is_plain)]
 
 
-class MetricFacts(TypedDict, total=False):
+class Open(TypedDict, extra_items=Free):  # type: ignore[call-arg]  # PEP 728, which mypy does not know
+    """What every record and every part of one is: fields that a class does not list are free."""
+
+
+class MetricFacts(Open, total=False):
     """What tables say of a metric with its numbers."""
 
-    unit: Annotated[Text, PUBLISHED, MUST]
-    direction: Annotated[str, kinds.DIRECTION, PUBLISHED, MUST]
+    unit: Required[Annotated[Text, PUBLISHED]]
+    direction: Required[Annotated[str, Rule("'higher' or 'lower'", ("higher", "lower").__contains__), PUBLISHED]]
     space: Annotated[Text, RESULTS]
-    version: Annotated[Count, PUBLISHED, MUST]
+    version: Required[Annotated[Count, PUBLISHED]]
 
 
-class Group(TypedDict, total=False):
+class Group(Open, total=False):
     """The scores of a group of pairs."""
 
     slices: Count
     radiance: Number | None
     metrics: Required[dict[str, Statistics]]
-    bins: Any  # kept in a file of its own
+    bins: Free  # kept in a file of its own
 
 
-class Point(TypedDict, total=False):
+class Point(Open, total=False):
     """A point of the curve of a fit."""
 
     step: Required[Count]
@@ -87,27 +135,27 @@ class Point(TypedDict, total=False):
     psnr: Number
 
 
-class FitKey(TypedDict, total=False):
+class FitKey(Open, total=False):
     """Everything that a file depends on."""
 
     codec: Annotated[Name, RESULTS | CLAIM]
     version: Annotated[Count, PUBLISHED | CLAIM]
     store: Annotated[Count, PUBLISHED]  # version of the store of textures
     settings: Annotated[dict[str, Setting], PUBLISHED | CLAIM]
-    training: Annotated[Any, PUBLISHED | CLAIM]
+    training: Annotated[Free, PUBLISHED | CLAIM]
     seed: Count
     threads: Count
     device: Annotated[Text, RESULTS]  # the kind that it was fitted on
-    torch: Annotated[Any, RESULTS]
-    code: Annotated[Any, RESULTS]
+    torch: Annotated[Free, RESULTS]
+    code: Annotated[Free, RESULTS]
     libraries: Annotated[dict[str, Text | None], RESULTS]
-    shared: Annotated[Any, RESULTS | CLAIM]
+    shared: Annotated[Free, RESULTS | CLAIM]
     programs: Text  # of a codec that is two programs: a digest of them
     demand: Text  # of the scene that it was fitted to
     uniform: Number
 
 
-class ScoreKey(TypedDict, total=False):
+class ScoreKey(Open, total=False):
     """Everything that scores depend on, besides the file."""
 
     sha256: Annotated[Text, RESULTS | CLAIM]
@@ -118,12 +166,12 @@ class ScoreKey(TypedDict, total=False):
     btf: Annotated[Text, PUBLISHED | CLAIM]
     exposure: Annotated[Number, PUBLISHED | CLAIM]
     metrics: Annotated[dict[str, Count], RESULTS | CLAIM]
-    footprints: Annotated[Any, PUBLISHED | CLAIM]
+    footprints: Annotated[Free, PUBLISHED | CLAIM]
     demand: Annotated[Text | None, RESULTS]
     deciding: Annotated[Text | None, PUBLISHED | CLAIM]
 
 
-class Bytes(TypedDict, total=False):
+class Bytes(Open, total=False):
     """The size of a file by part, and of the file of a network that it shares with others; empty without a file."""
 
     decoder: Count
@@ -133,24 +181,24 @@ class Bytes(TypedDict, total=False):
     other: Count
     header: Count
     shared: Count
-    total: Annotated[Count, MUST]
+    total: Required[Count]
 
 
-class Provenance(TypedDict, total=False):
+class Provenance(Open, total=False):
     """Where a BTF comes from."""
 
-    source: Annotated[Any, RESULTS]
-    material: Annotated[Any, RESULTS]
-    parameters: Annotated[Any, RESULTS]
-    renderer_version: Annotated[Any, RESULTS]
-    path_version: Annotated[Any, RESULTS]
+    source: Annotated[Free, RESULTS]
+    material: Annotated[Free, RESULTS]
+    parameters: Annotated[Free, RESULTS]
+    renderer_version: Annotated[Free, RESULTS]
+    path_version: Annotated[Free, RESULTS]
     surface: Annotated[Text, RESULTS]  # what a kind of surface of its own is called in tables
     free: Annotated[bool, RESULTS]  # whether its pictures may be published
-    native: Annotated[Any, RESULTS]
-    split: Annotated[Any, RESULTS]
+    native: Annotated[Free, RESULTS]
+    split: Annotated[Free, RESULTS]
 
 
-class Machine(TypedDict, total=False):
+class Machine(Open, total=False):
     """The machine of a job or a run; published without the host's name."""
 
     host: Setting | None
@@ -160,24 +208,24 @@ class Machine(TypedDict, total=False):
     cores: Annotated[Setting | None, RESULTS]
 
 
-class ProgramTime(TypedDict):
+class ProgramTime(Open):
     """How long a codec's own program took to answer."""
 
     queries: Count
     ns_per_query: NotNegative
 
 
-class Scene(TypedDict):
+class Scene(Open):
     """The quality in the frames of a scene."""
 
     name: Text
     queries: Count
-    frames: Annotated[list[int], Several(kinds.COUNT, 3)]
+    frames: Annotated[list[Count], Len(3, 3)]
     exposure: NotRequired[Number]
     metrics: Statistics
 
 
-class Between(TypedDict):
+class Between(Open):
     """The display PSNR between texels, half a texel down and to the right of their centres: means over slices, dB."""
 
     mean: Number
@@ -185,7 +233,7 @@ class Between(TypedDict):
     slices: Count
 
 
-class Job(TypedDict, total=False):
+class Job(Open, total=False):
     """One cell of a suite: what was encoded, its bytes and errors, or why it failed."""
 
     kind: Annotated[Text, PUBLISHED | NAMES | APART]
@@ -200,7 +248,7 @@ class Job(TypedDict, total=False):
     status: Annotated[Literal["ok", "failed", "unavailable"], PUBLISHED | APART, MUST]
     error: Annotated[Text, RESULTS]
     traceback: Annotated[Text, APART]
-    shape: Annotated[list[int], Several(kinds.COUNT, 2), RESULTS | CLAIM | APART, Needed("tables")]
+    shape: Annotated[list[Count], Len(2, 2), RESULTS | CLAIM | APART, Needed("tables")]
     pairs: Annotated[dict[str, Count], RESULTS | CLAIM, Needed("tables", ("train",))]
     views: Annotated[Count, RESULTS]
     settings: Annotated[dict[str, Setting], RESULTS | CLAIM | APART]
@@ -238,7 +286,7 @@ class Job(TypedDict, total=False):
     provenance: Annotated[Provenance, RESULTS | APART]
     machine: Annotated[Machine, RESULTS]
     file: Annotated[Text, RESULTS | ARTEFACT, Needed("verification")]
-    slices: Annotated[Any, kinds.TEXT_OR_TEXTS, ARTEFACT]
+    slices: Annotated[Text | dict[str, Text], ARTEFACT]  # by metric
     angular: Annotated[Text, ARTEFACT]
     pictures: Annotated[Text, ARTEFACT]
     frames: Annotated[Text, ARTEFACT]
@@ -246,7 +294,7 @@ class Job(TypedDict, total=False):
     not_drawn: Text
 
 
-class Timing(TypedDict, total=False):
+class Timing(Open, total=False):
     """One codec timed in turns with the others of its material; or, with a label, a setting apart from any surface."""
 
     kind: Annotated[Text, PUBLISHED | APART]
@@ -266,8 +314,8 @@ class Timing(TypedDict, total=False):
     limit_ns: Annotated[NotNegative, RESULTS | APART]  # of a sample, by the machine's ceilings
     of_tolerance: Annotated[NotNegative, RESULTS | APART]  # largest difference from float64, over what is allowed
     floor_ns: Annotated[Positive, RESULTS]
-    samples_ns: Annotated[Any, APART]
-    floor_ratios: Annotated[Any, APART]
+    samples_ns: Annotated[Free, APART]
+    floor_ratios: Annotated[Free, APART]
     batch: Annotated[Count, PUBLISHED]
     dtype: Annotated[Text, PUBLISHED]
     threads: Annotated[Count, PUBLISHED]
@@ -283,23 +331,23 @@ def setting_name(label: str, flops: int) -> str:
     return f"any surface/{label}/{flops} operations"
 
 
-class Stress(TypedDict, total=False):
+class Stress(Open, total=False):
     """One extreme, tried on one codec or metric."""
 
     kind: Text
-    subject: Annotated[Name, MUST]
-    extreme: Annotated[Name, MUST]
-    group: Annotated[Name, MUST]
-    verdict: Annotated[Literal["pass", "fail", "n/a"], MUST]
-    detail: Annotated[Text, MUST]
-    figure: Annotated[Text, MUST]
-    order: Annotated[Count, MUST]
+    subject: Required[Name]
+    extreme: Required[Name]
+    group: Required[Name]
+    verdict: Required[Literal["pass", "fail", "n/a"]]
+    detail: Required[Text]
+    figure: Required[Text]
+    order: Required[Count]
     holds: Text
     used: Number | None
     version: Count | None
 
 
-class RunStart(TypedDict, total=False):
+class RunStart(Open, total=False):
     """The provenance of a run, once a start."""
 
     kind: Annotated[Text, PUBLISHED]
@@ -309,20 +357,20 @@ class RunStart(TypedDict, total=False):
     device: Annotated[Text, PUBLISHED]
     threads: Annotated[Count, PUBLISHED]
     seeds: Annotated[list[Count], RESULTS]
-    data: Annotated[Any, RESULTS]
-    materials: Annotated[Any, RESULTS]
+    data: Annotated[Free, RESULTS]
+    materials: Annotated[Free, RESULTS]
     jobs: Annotated[list[Text], RESULTS]
     git: Annotated[Text | None, RESULTS]
     python: Text
     packages: Annotated[dict[str, Text | None], PUBLISHED]
-    ceilings: Annotated[Any, RESULTS]  # of the machine: flops and bytes a ns
+    ceilings: Annotated[Free, RESULTS]  # of the machine: flops and bytes a ns
     machine: Annotated[Machine, PUBLISHED]
 
 
 Record = RunStart | Job | Timing | Stress  # a line of a run's records
 
 
-class Facts(TypedDict, total=False):
+class Facts(Open, total=False):
     """The facts of a fit, stored beside a codec file and not in it, so that its bytes do not change."""
 
     fit_key: Required[FitKey]
@@ -333,17 +381,13 @@ class Facts(TypedDict, total=False):
     fitted: dict[str, Text | None]
 
 
-Side = Annotated[int, kinds.SIDE]
-Digits = Annotated[str, kinds.DIGITS]
-
-
-class FileScene(TypedDict):
+class FileScene(Open):
     """The scene that a codec file was fitted to; see `bench.demand.requirement`."""
 
     name: Text
     demand: Text
-    size: Annotated[list[int], Several(kinds.SIDE, 2)]
-    window: Annotated[list[int], Several(kinds.COUNT, 4)]
+    size: Annotated[list[Side], Len(2, 2)]
+    window: Annotated[list[Count], Len(4, 4)]
     factor: Side
     pairs: Count
     finest: NotNegative
@@ -352,20 +396,20 @@ class FileScene(TypedDict):
     lights: Digits
 
 
-class FileMetadata(TypedDict, total=False):
+class FileMetadata(Open, total=False):
     """What the header of a codec file says of it, besides its tensors."""
 
     codec: Required[Text]
     version: Required[Count]
-    settings: Required[dict[str, Annotated[bool | int | float | str, kinds.ANY_SETTING]]]
+    settings: Required[dict[str, bool | int | float | str]]
     kind: Literal["material", "shared"]
-    lowest_light: Annotated[float, kinds.COSINE]  # cos θ of the lowest light that was fitted
+    lowest_light: Cosine  # cos θ of the lowest light that was fitted
     scene: FileScene
     shared: Digits  # the hash of the network that decodes it, if it shares one
-    provenance: dict[str, Any]  # sources of the file other than a BTF
+    provenance: dict[str, Free]  # sources of the file other than a BTF
 
 
-class SceneModel(TypedDict):
+class SceneModel(Open):
     """A model of a search for the smallest file for a scene: "full", of the whole material, or "scene"."""
 
     model: Text
@@ -380,15 +424,15 @@ class SceneModel(TypedDict):
     settings: dict[str, Setting]
 
 
-class Noise(TypedDict):
+class Noise(Open):
     """Samples and seconds until the noise in a scene is 1 %, by cosine and by lobes."""
 
     scene: Text
-    samples: Annotated[list[float], Several(kinds.NOT_NEGATIVE, 2)]
-    seconds: Annotated[list[float], Several(kinds.NOT_NEGATIVE, 2)]
+    samples: Annotated[list[NotNegative], Len(2, 2)]
+    seconds: Annotated[list[NotNegative], Len(2, 2)]
 
 
-class TradeChoice(TypedDict, total=False):
+class TradeChoice(Open, total=False):
     """A codec with settings, execution and precision, as a trade measured it."""
 
     material: Annotated[Name, MUST]
@@ -427,7 +471,7 @@ class TradeChoice(TypedDict, total=False):
     emulated: bool
 
 
-class Profile(TypedDict, total=False):
+class Profile(Open, total=False):
     """The time of a part of a decoder."""
 
     material: Required[Name]
@@ -444,11 +488,11 @@ class Profile(TypedDict, total=False):
     ratio_interval95: Pair
     ratio_least: Positive
     floor_ns: Positive
-    samples_ns: Any
+    samples_ns: Free
     gpu: Text
 
 
-class Ceiling(TypedDict):
+class Ceiling(Open):
     """The measured rates of computing and reading of a machine."""
 
     device: Text
@@ -458,7 +502,7 @@ class Ceiling(TypedDict):
     bytes_per_ns: Positive
 
 
-class Trade(TypedDict, total=False):
+class Trade(Open, total=False):
     """The measurements of `neubtf-bench trade`."""
 
     format: Count

@@ -37,7 +37,7 @@ from bench.inputs.errors import InputError
 from bench.machine.devices import require_present
 from bench.machine.threads import torch_threads
 from bench.material import Material
-from bench.records import ARTEFACT, Job, SceneModel, field_names
+from bench.records import ARTEFACT, Bytes, Job, SceneModel, field_names
 from bench.runs import executors, runner
 from bench.runs.evaluation import conditions, evaluate, record_of_scores, score_key
 from bench.runs.suite import load_suite, parse_suite, require_materials, with_changes
@@ -288,7 +288,7 @@ def score(
         name, material = _material(decoded, btf)
         if demand and isinstance(material, SlicesMaterial):
             raise InputError(f"{name}: slices cannot be scored in a scene, which needs more pairs: leave out demand")
-        figures = {"codec": name, "settings": {}, "bytes": {}, "score_key": conditions(workbench)}
+        figures = {"codec": name, "settings": {}, "bytes": cast(Bytes, {}), "score_key": conditions(workbench)}
         figures |= record_of_scores(workbench, material, name, threads, _store_nothing, show)
     names_of_files = field_names(ARTEFACT)  # fields that name files, which a run stores and `score` does not
     return cast(Job, {name: value for name, value in figures.items() if name not in names_of_files})

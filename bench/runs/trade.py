@@ -406,7 +406,7 @@ def _row_without_time(run: Run, job: Job, device: str) -> TradeChoice:
 
 def _figures_of_run(run: Run, job: Job) -> TradeChoice:
     """The figures of a file as the run scored it, from its record and the errors of its slices."""
-    slices = read_arrays(run.folder / job["slices"], MAX_FILE)
+    slices = read_arrays(run.folder / str(job["slices"]), MAX_FILE)
     squared_errors = slices[PSNR]
     if deciding_group(job["scores"]) == "heldout":
         squared_errors = squared_errors[slices["heldout"]]

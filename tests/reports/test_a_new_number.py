@@ -4,29 +4,27 @@ from typing import Annotated
 import pytest
 
 from bench.compare.reference import published
-from bench.records import fields, kinds, load_run, schema
+from bench.records import fields, load_run, schema
 from reports import table_text, write_report
 
 
 @pytest.fixture
 def described():
-    caches = (fields.field_names, fields.shown_columns, fields.field_kind)
-    before, known = dict(schema.Job.__annotations__), fields.FIELDS["job"]
+    caches = (fields.field_names, fields.shown_columns, fields._hints, fields._adapter)
+    before = dict(schema.Job.__annotations__)
 
     def describe(**added):
         schema.Job.__annotations__.update(added)
         for cache in caches:
             cache.cache_clear()
-        fields.FIELDS["job"] = fields.field_kind(schema.Job)
 
     yield describe
     schema.Job.__annotations__.clear()
     describe(**before)
-    fields.FIELDS["job"] = known
 
 
 def test_a_measured_number_with_a_field_stands_in_table_page_and_published_results(made, described):
-    described(sharpness=Annotated[float, kinds.NUMBER, schema.RESULTS, schema.Shown("sharpness", "% ↑", 4)])
+    described(sharpness=Annotated[schema.Number, schema.RESULTS, schema.Shown("sharpness", "% ↑", 4)])
     made.job(sharpness=61.84, file="files/a.nbtf")
     assert "sharpness % ↑" in (table := table_text(made.folder, "markdown", "main"))
     assert "61.84" in table
@@ -39,7 +37,7 @@ def test_a_measured_number_with_a_field_stands_in_table_page_and_published_resul
 
 
 def test_a_field_is_checked_when_a_record_is_read(made, described):
-    described(sharpness=Annotated[float, kinds.POSITIVE])
+    described(sharpness=schema.Positive)
     made.job(sharpness=-1.0)
-    with pytest.raises(Exception, match=r"sharpness must be a finite number > 0, not -1\.0"):
+    with pytest.raises(Exception, match=r"sharpness must be greater than 0, not -1\.0"):
         list(load_run(made.folder).jobs)
