@@ -1,12 +1,13 @@
 """Hemispherical harmonics for each texel, fitted by least squares: the graphics default for one view, many lights.
 
-The basis is Gautron et al.'s: spherical harmonics of the hemisphere stretched over the sphere. Reflectance
-transformation imaging (RTI) gives each texel and colour nine or sixteen harmonics of the light. With several views,
-each texel has the products of the light's and the view's harmonics, as in Gunawardane et al. ("Optimized image sampling
-for view and light interpolation", 2009).
+`ptm` has polynomials of the light in their place. The basis of `hsh` is Gautron et al.'s: spherical harmonics of the
+hemisphere stretched over the sphere. Reflectance transformation imaging (RTI) gives each texel and colour nine or
+sixteen harmonics of the light. With several views, each texel has the products of the light's and the view's harmonics,
+as in Gunawardane et al. ("Optimized image sampling for view and light interpolation", 2009).
 
-*Band* l has 2l + 1 harmonics, so n bands have n². A *pair* is one of N pairs of view and light; K is the number of
-products of harmonics, of which each texel has a coefficient for each colour. What is fitted are radiance or, with
+*Band* l has 2l + 1 harmonics, so n bands have n². Of polynomials, band l are the l + 1 products of powers of x and y of
+degree l, so n bands have n (n + 1) / 2. A *pair* is one of N pairs of view and light; K is the number of products of
+functions of light and view, of which each texel has a coefficient for each colour. What is fitted are radiance or, with
 `domain=log`, *log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure; with
 `cosine` it is of radiance over the cosine of the light. *Rounding* is how the file stores coefficients: in few bits,
 chosen by the error that this causes in some values of the BTF, the *probed* ones.
@@ -14,6 +15,7 @@ chosen by the error that this causes in some values of the BTF, the *probed* one
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -52,6 +54,16 @@ class HSH(Codec):
     name, version = "hsh", 5
     interpolates, sizes = True, ("lights", "views")
     recipes: ClassVar = {"paper": {"bits": 8, "domain": "rgb", "cosine": False, "smoothness": 0.0}}
+
+    @staticmethod
+    def of_light(wi: Tensor, bands: int) -> Tensor:
+        """The functions (n, …) of lights (n, 3), band after band."""
+        return harmonics(wi, bands)
+
+    @staticmethod
+    def in_band(band: int) -> int:
+        """The number of functions of the light in a band."""
+        return 2 * band + 1
 
     @dataclass(frozen=True)
     class Settings:
@@ -104,7 +116,7 @@ class HSH(Codec):
         if self.settings.domain == "log":
             values = (gain * values).log1p()
         # Each colour has coefficients of its own: the rows of a colour are 0 at those of the others.
-        of_colours = torch.einsum("pk,cd->pckd", basis(wo, wi, bands), torch.eye(3))  # (P, 3, K, 3)
+        of_colours = torch.einsum("pk,cd->pckd", basis(wo, wi, bands, self.of_light), torch.eye(3))  # (P, 3, K, 3)
         # An error of radiance is one of radiance / cosine times the cosine, so rows and values are multiplied by it.
         rows = of_colours.flatten(2).flatten(0, 1) * cosine  # (3 · P, 3 · K)
         rows = rows.to(values)
@@ -118,13 +130,15 @@ class HSH(Codec):
 
         `bands` are the numbers of bands of light and view, `cosine` (N, 1) is that of each pair's light, or 1.
         """
-        terms = basis(torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double(), bands)  # (N, K)
+        wo, wi = torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double()
+        terms = basis(wo, wi, bands, self.of_light)  # (N, K)
         # An error of radiance is one of radiance / cosine times the cosine.
         weight = cosine.double().square()  # (N, 1)
         if fit.density is not None:  # in a fit to a scene, its demand for each pair
             weight = weight * fit.density.weights.double()[:, None]
-        light_roughness, view_roughness = (torch.tensor(_roughness(count)) for count in bands)
-        # In the order of `basis`: of each harmonic of the light all of the view.
+        light_roughness = torch.tensor(_roughness(bands[0], self.in_band))
+        view_roughness = torch.tensor(_roughness(bands[1], HSH.in_band))
+        # In the order of `basis`: of each function of the light all of the view.
         roughness = (light_roughness[:, None] + view_roughness).flatten().double()  # (K,)
         # The normal equations: (terms' weighted products + penalty) · solution = (weighted terms)'.
         penalty = len(btf) * torch.diag(self.settings.smoothness * roughness.square() + RIDGE)
@@ -136,20 +150,49 @@ class HSH(Codec):
         too many bands."""
         texture = load_texture("coefficients", parts.texture)
         bands = parts.other["bands"].tolist()
-        if texture.shape[2] != 3 * math.prod(n * n for n in bands) or max(bands) > MOST_BANDS:
+        of_light = sum(self.in_band(band) for band in range(bands[0]))
+        if texture.shape[2] != 3 * of_light * bands[1] ** 2 or max(bands) > MOST_BANDS:
             raise ValueError(f"{texture.shape[2]} coefficients a texel for {bands} bands")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
-        return HSHMaterial(texture, bands, gain, self.settings.cosine).to(device)
+        return HSHMaterial(texture, bands, gain, self.settings.cosine, self.of_light).to(device)
 
 
-def _roughness(bands: int) -> list[float]:
-    """How much each of bands² harmonics varies: l (l + 1) for the 2l + 1 of band l.
+class PTM(HSH):
+    """Polynomial texture maps: a polynomial of x and y of the light a texel and colour, by least squares.
 
-    It is minus the eigenvalue of the Laplacian.
+    The oldest format of reflectance transformation imaging, there with six terms, `lights=3`. Those of several views
+    are multiplied by harmonics of the view.
+
+    @inproceedings{malzbender2001polynomial,
+      author = {Malzbender, Tom and Gelb, Dan and Wolters, Hans},
+      title = {Polynomial Texture Maps},
+      booktitle = {Proceedings of SIGGRAPH 2001},
+      pages = {519--528},
+      year = {2001},
+      doi = {10.1145/383259.383320}
+    }
+    """
+
+    name, version = "ptm", 1
+    physical = True  # a polynomial of few terms over the cosine is no constant near the horizon
+
+    @staticmethod
+    def of_light(wi: Tensor, bands: int) -> Tensor:
+        return polynomials(wi, bands)
+
+    @staticmethod
+    def in_band(band: int) -> int:
+        return band + 1
+
+
+def _roughness(bands: int, in_band: Callable[[int], int]) -> list[float]:
+    """How much each function of some bands varies: l (l + 1) for those of band l.
+
+    Of harmonics it is minus the eigenvalue of the Laplacian.
     """
     roughness = []
     for band in range(bands):
-        roughness += [band * (band + 1.0)] * (2 * band + 1)
+        roughness += [band * (band + 1.0)] * in_band(band)
     return roughness
 
 
@@ -158,13 +201,24 @@ def _cosine(wi: Tensor, divided: bool) -> Tensor:
     return wi[:, 2:].clamp_min(LEAST_COSINE) if divided else torch.ones_like(wi[:, 2:])
 
 
-def basis(wo: Tensor, wi: Tensor, bands: list[int]) -> Tensor:
-    """The products (n, L² · V²) of the harmonics of lights and of views, both (n, 3), of L and V bands: `bands`.
+def basis(wo: Tensor, wi: Tensor, bands: list[int], of_light: Callable[[Tensor, int], Tensor]) -> Tensor:
+    """The products (n, K) of the functions of lights and the harmonics of views, both (n, 3), of as many bands each.
 
-    Of each harmonic of the light there are the products with all of the view.
+    Of each function of the light there are the products with all harmonics of the view.
     """
-    light, view = harmonics(wi, bands[0]), harmonics(wo, bands[1])
+    light, view = of_light(wi, bands[0]), harmonics(wo, bands[1])
     return (light[:, :, None] * view[:, None]).flatten(1)
+
+
+def polynomials(directions: Tensor, bands: int) -> Tensor:
+    """The products (n, bands (bands + 1) / 2) of powers of x and y of directions (n, 3), by degree: 1, x, y, x², …"""
+    x, y = directions[:, 0], directions[:, 1]
+    degree = [torch.ones_like(x)]
+    terms = list(degree)
+    for _ in range(1, bands):
+        degree = [term * x for term in degree] + [degree[-1] * y]
+        terms += degree
+    return torch.stack(terms, 1)
 
 
 def harmonics(directions: Tensor, bands: int) -> Tensor:
@@ -203,17 +257,25 @@ def harmonics(directions: Tensor, bands: int) -> Tensor:
 
 
 class HSHMaterial(Material):
-    """Coefficients (H, W, 3 · K) bilinear over texels, times the harmonics of the query's directions.
+    """Coefficients (H, W, 3 · K) bilinear over texels, times the functions of the query's directions.
 
     `gain` is None if radiance was fitted, not its logarithm. Larger footprints are not filtered.
     """
 
-    def __init__(self, texture: Tensor, bands: list[int], gain: float | None, cosine: bool):
-        """Count the cost of an answer, and keep the parts. `bands` are the numbers of bands of the light's and the
-        view's harmonics; with `cosine` coefficients are of radiance over the cosine of the light."""
+    def __init__(
+        self,
+        texture: Tensor,
+        bands: list[int],
+        gain: float | None,
+        cosine: bool,
+        of_light: Callable[[Tensor, int], Tensor],
+    ):
+        """Count the cost of an answer, and keep the parts. `bands` are the numbers of bands of the functions of the
+        light, `of_light`, and of the harmonics of the view; with `cosine` coefficients are of radiance over the cosine
+        of the light."""
         height, width, channels = texture.shape
         times_coefficients = 2 * channels  # multiply and add each coefficient
-        products = channels // 3  # one for each harmonic of the light with each of the view
+        products = channels // 3  # one for each function of the light with each of the view
         harmonics_made = 6 * sum(n * n for n in bands)  # about six operations each
         flops = times_coefficients + products + harmonics_made
         super().__init__((height, width), DecoderCost.of_texture(texture, flops=flops))
@@ -221,12 +283,13 @@ class HSHMaterial(Material):
         self.bands = bands
         self.gain = gain
         self.cosine = cosine
+        self.of_light = of_light
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
         of detail."""
         coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (-1, 3))
-        level = torch.einsum("nkc,nk->nc", coefficients, basis(wo, wi, self.bands))
+        level = torch.einsum("nkc,nk->nc", coefficients, basis(wo, wi, self.bands, self.of_light))
         # `level` is log1p(gain · radiance), or without `gain` radiance; with `cosine`, of radiance over the cosine.
         radiance = level if self.gain is None else to_radiance(level, self.gain)
         return radiance * _cosine(wi, self.cosine)

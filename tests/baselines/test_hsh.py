@@ -3,7 +3,8 @@ import pytest
 import torch
 from scipy.special import factorial, lpmv
 
-from baselines.hsh import HSH, LEAST_COSINE, harmonics
+from baselines.hsh import HSH, LEAST_COSINE, PTM, harmonics
+from bench.btf import BTF, ArraySource
 from bench.conformance.check import tiny_btf
 from bench.directions import hemisphere
 from tests.baselines.made import at_tiny_pairs, coded
@@ -70,3 +71,18 @@ def test_harmonics_that_are_alike_all_over_a_surface_take_no_bits() -> None:
     wo, wi = hemisphere.from_degrees(33.0, 70.0), hemisphere.from_degrees(41.0, 200.0)
     # Three bits or more of a range of 0.6 × cos 41°: their rounding is within 0.033.
     np.testing.assert_allclose(material.slice(wo, wi), exact.slice(wo, wi), atol=0.033)
+
+
+def test_a_polynomial_texture_map_of_one_view_finds_its_polynomial_again() -> None:
+    rng = np.random.default_rng(0)
+    wi = hemisphere.uniform(rng, 40)
+    wo = np.tile(np.array([[0, 0, 1]], np.float32), (40, 1))
+    x, y = wi[:, 0], wi[:, 1]
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], 1)
+    coefficients = rng.uniform(0, 0.1, (4, 5, 3, 6)) + np.eye(6)[0]
+    values = np.einsum("hwck,nk->nhwc", coefficients, terms).astype(np.float32)
+    material = coded(PTM(recipe="paper", bits=32), BTF("map", wo, wi, ArraySource(values)))[1]
+    light = hemisphere.from_degrees(41.0, 200.0)
+    lx, ly = light[:2]
+    expected = coefficients @ np.array([1, lx, ly, lx * lx, lx * ly, ly * ly])
+    np.testing.assert_allclose(material.slice(wo[0], light), expected, atol=1e-5)

@@ -32,6 +32,7 @@ CODECS = {
     "pca": {"components": 5},
     "vq": {},
     "hsh": {},
+    "ptm": {},
     "table": {},
     "neubtf-direct": {"steps": 5},
     "neumip": {"steps": 5},

@@ -17,6 +17,7 @@ CODECS = {
     "pca": {"components": 6},
     "vq": {"codes": 64},
     "hsh": {},
+    "ptm": {},
     "neumip": {"steps": 60},
     "neubtf-direct": {"steps": 60, "width": 16},
     "relief": {"steps": 60, "width": 16},

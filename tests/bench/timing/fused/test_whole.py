@@ -30,6 +30,7 @@ CODECS = {
     "table": {},
     "tucker": {},
     "hsh": {},
+    "ptm": {},
     "mean-colour": {},
 }
 
