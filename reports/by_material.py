@@ -205,6 +205,13 @@ def in_short(material: MaterialRows) -> list[Measure]:
     return [_TOTAL, SIZE[-1], _psnr(material), *(measure for measure in _time() if not measure.sparse)]
 
 
+def in_summary(material: MaterialRows) -> list[Measure]:
+    """The columns of a summary over materials besides PSNR: every other metric, size, time."""
+    arrow = " ↓"  # main tables mark the time in ns instead
+    times = [measure._replace(unit=measure.unit + arrow) for measure in (_FLOOR, _FUSED)]
+    return [*_others(material, spread=False), _TOTAL, *times]
+
+
 def psnr_of(run: Run, material: MaterialRows) -> dict[str, float]:
     """By label the PSNR of each codec that was measured, infinite without an error; NaN where its records lack it."""
     measure = _psnr(material)

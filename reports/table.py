@@ -1,11 +1,9 @@
 """One table as text in cells, the best of each column bold, the second underlined.
 
-A *mark* makes a cell bold or underlined. A *score* is a number that says how good a cell is; by it cells are marked. A
-*note* is a text below a table. Its *words* are its first columns, such as that of the codec; the others have *numbers*.
+A *mark* makes a cell bold or underlined. A *note* is a text below a table. Its *words* are its first columns, such as
+that of the codec; the others have *numbers*.
 """
 
-import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -141,36 +139,3 @@ class Table:
             if note_on_kept:
                 notes.append(note_on_kept)
         return replace(self, headers=headers, rows=rows, notes=notes, marks=marks)
-
-
-def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | None]]) -> dict[tuple[int, int], str]:
-    """The marks of cells by row and column, from a score of each cell (more is better); None gets no mark.
-
-    `rows` are the cells as text, and `scores` has as many columns. Scores may have fewer rows than the table: its last
-    rows then get no mark. Cells are equally good if their numbers read the same; a deviation or interval after the
-    number does not count. A column has no mark if all its cells are
-    equal, or if only one has a score. A number that more than `FEW` rows share is not marked, nor a second best of
-    zero.
-    """
-    marks: dict[tuple[int, int], str] = {}
-    for column in range(len(scores[0]) if scores else 0):
-        scored: list[tuple[float, str, int]] = []  # score, number as shown, row
-        for i, row in enumerate(scores):
-            score = row[column]
-            if score is not None:
-                number, *_ = re.split(r" [±(]", rows[i][column])  # before " ± 0.12" or " (29.8 to 30.4)"
-                scored.append((score, number, i))
-        scored.sort(key=lambda item: -item[0])  # the best first
-        rows_with = Counter(number for _, number, _ in scored)  # by number: how many rows show it
-        numbers = list(rows_with)  # each once, the best first
-        if len(numbers) < 2:  # nothing to tell apart
-            continue
-        best, second = numbers[:2]
-        mark_of = {best: BOLD}
-        is_zero = re.fullmatch("[0.]+", second)  # such as "0" or "0.00"
-        if not is_zero:
-            mark_of[second] = UNDERLINED
-        for _, number, i in scored:
-            if number in mark_of and rows_with[number] <= FEW:
-                marks[i, column] = mark_of[number]
-    return marks

@@ -22,7 +22,6 @@ from reports.paper import ablation_table, paper_table
 from reports.parameters import TimedJob, parameters_table
 from reports.rows import MaterialRows, materials
 from reports.stress import stress_tables
-from reports.summary import summary_table
 from reports.table import Table
 from reports.times import times_tables, variant_tables
 from reports.trade import trade_tables
@@ -39,7 +38,7 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
     """
     rows = [] if kind in BY_BUDGET else materials(run)  # which those do not need, and which takes long
     makers = dict(_OF_KIND)
-    makers["summary"] = lambda run, _: [summary_table(run, against=against)]
+    makers["summary"] = _summary(against)
     if narrow:
         makers["main"] = lambda run, rows: [*_by_material("quality")(run, rows), *_by_material("cost")(run, rows)]
     tables: list[Table] = []
@@ -60,7 +59,7 @@ def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table
             reasons[job["material"], fitted] = reason_of_job[job["job"]]
     for table in tables:
         # Tables of values mark their own; settings are timed apart from any job, and a stale job says nothing of them.
-        if table.kind in (*BY_BUDGET, *BY_MATERIAL, "times"):
+        if table.kind in (*BY_BUDGET, *BY_MATERIAL, "summary", "times"):
             yield table
             continue
         of_table = {}
@@ -154,6 +153,17 @@ def _by_material(kind: str) -> "Maker":
         from reports import by_material  # it loads pandas
 
         return by_material.tables(run, rows, kind)
+
+    return tables
+
+
+def _summary(against: str) -> "Maker":
+    """A maker of the summary, which sets codecs `against` a row."""
+
+    def tables(run: Run, _: list[MaterialRows]) -> Iterable[Table | None]:
+        from reports.summary import summary_table  # it loads pandas
+
+        return [summary_table(run, against=against)]
 
     return tables
 

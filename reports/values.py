@@ -132,6 +132,8 @@ def _marked(values: pd.DataFrame, column: Column) -> dict[int, str]:
     if better not in ("↑", "↓"):
         return {}
     read = [nan if isinstance(value, str) else column.rounded(value) for value in values[column.field]]
+    if better == "↓":  # an exact one is the best by any measure
+        read = [-inf if value == inf else value for value in read]
     if column.unranked:
         read = [nan if unranked else own for own, unranked in zip(read, values[column.unranked], strict=True)]
     best_first = sorted({value for value in read if not isnan(value)}, reverse=better == "↑")
