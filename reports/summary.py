@@ -29,7 +29,7 @@ from reports.notes import (
 from reports.numbers import NONE, interval
 from reports.ranking import against_one, codecs_of, ranked, settings_of
 from reports.rows import MaterialRows, materials
-from reports.table import Note, Table
+from reports.table import Note, OfData, Table
 from reports.values import Column, Row, written
 
 if TYPE_CHECKING:
@@ -176,14 +176,14 @@ def _differences(run: Run, labels: Sequence[str], materials: Sequence[str], want
     column_for_each = 1 < len(materials) < MANY  # whether each material has a column of its own
     # A row has no difference to itself, nor where it cannot be compared.
     of_columns = {"against": against.over}
-    unit = against.first if several else codec
+    unit = OfData(against.first if several else codec)
     columns = [Column("against", unit, "against", write=partial(_with_interval, "against"))]
     if column_for_each:
         columns = [Column("against", unit, "against", 2, signed=True, after=(" *", "told apart"))]
-        for name in materials:
-            field = f"on {name}"
+        for number, name in enumerate(materials):
+            field = f"on {number}"
             of_columns[field] = against.on.get(name, {})
-            columns.append(Column(field, "dB", field, write=partial(_with_interval, field)))
+            columns.append(Column(OfData(f"on {name}"), "dB", field, write=partial(_with_interval, field)))
     rows = []
     for label in labels:
         row: dict[str, Any] = {}

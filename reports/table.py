@@ -4,7 +4,7 @@ A *mark* makes a cell bold or underlined. A *note* is a text below a table. Its 
 that of the codec; the others have *numbers*.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 BOLD, UNDERLINED = "bold", "underlined"  # the marks of cells; plain text shows `DOT` for the first
 FEW = 3  # rows that may share a mark: a value that more rows have is no distinction
+STALE = " †"  # after a codec whose records are of an older version than the installed one
 DOT = "•"  # before the best of a column in plain text, which has no bold
 LEGEND = "Bold: the best of a column. Underlined: the second best."
 TERMS = {  # of headers, explained above the tables that have them
@@ -60,6 +61,24 @@ class Note(str):
         return Note(*parts, around=self.around)
 
 
+class OfData(str):
+    """A name or a unit in a header that names a codec or a material, for which a reader may have another name."""
+
+
+class Spread(str):
+    """The unit of a column that shows deviations, “dB ↑ ± seeds”: the `unit` of its numbers, and what is `over`."""
+
+    unit: str
+    over: str
+
+    def __new__(cls, unit: str, over: str) -> "Spread":
+        """The unit “dB ↑” with what its deviation is over, “± seeds”."""
+        spread = super().__new__(cls, f"{unit} {over}".strip())
+        spread.unit = unit
+        spread.over = over
+        return spread
+
+
 @dataclass(frozen=True)
 class Table:
     """Cells as text. A header is a name and, below it, a unit with an arrow to the better end; "" without a unit."""
@@ -73,6 +92,7 @@ class Table:
     material: str = ""  # the material, if the table is of one
     fold: int = 22  # the width at which a terminal folds the first column, if only that holds words
     marks: dict[tuple[int, int], str] = field(default_factory=dict)  # by row and column: `BOLD` or `UNDERLINED`
+    jobs: list[list[str]] = field(default_factory=list)  # names of the jobs that each row shows, where stale ones count
     values: "pd.DataFrame | None" = None  # the numbers of which the cells were written, of a table that has them
 
     @property
@@ -139,3 +159,8 @@ class Table:
             if note_on_kept:
                 notes.append(note_on_kept)
         return replace(self, headers=headers, rows=rows, notes=notes, marks=marks)
+
+
+def stale_note(reasons: Iterable[str]) -> str:
+    """The note on rows with the mark `STALE`, each reason with its codec."""
+    return f"†: stale, its numbers cannot be made again by the installed version: {'; '.join(reasons)}."
