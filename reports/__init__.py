@@ -133,7 +133,7 @@ def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.Data
     frames = [table.values for table in tables if table.values is not None]
     titles = [table.title for table in tables]
     found = frames[0] if len(frames) == 1 else pd.concat(frames, keys=titles)
-    attrs: dict[str, Any] = {"titles": titles, "notes": [note for table in tables for note in table.footnotes]}
+    attrs: dict[Any, Any] = {"titles": titles, "notes": [str(note) for table in tables for note in table.footnotes]}
     for known in ("units", "directions"):
         attrs[known] = {name: said for frame in frames for name, said in frame.attrs[known].items()}
     found.attrs = attrs

@@ -112,7 +112,7 @@ def _named(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -
     """
     named = values[[column.field for column in columns]].reset_index(drop=True)
     words = [column.field for column in columns[:word_columns]]
-    headers = [column.name for column in columns]
+    headers = [str(column.name) for column in columns]
     for column in columns:
         numbers = pd.to_numeric(named[column.field], errors="coerce").astype(float)
         if column.field not in words and (numbers.notna().any() or named[column.field].isna().all()):
