@@ -110,13 +110,14 @@ def _named(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -
 
     A column with any number has floats: NaN where a word, such as “n/c”, or nothing stands in place of one.
     """
-    named = values[[column.field for column in columns]].reset_index(drop=True)
-    words = [column.field for column in columns[:word_columns]]
     headers = [str(column.name) for column in columns]
-    for column in columns:
-        numbers = pd.to_numeric(named[column.field], errors="coerce").astype(float)
-        if column.field not in words and (numbers.notna().any() or named[column.field].isna().all()):
-            named[column.field] = numbers
+    found = []
+    for place, column in enumerate(columns):  # by place, because two columns may have one field
+        own = values[column.field].reset_index(drop=True)
+        numbers = pd.to_numeric(own, errors="coerce").astype(float)
+        is_words = place < word_columns or (numbers.isna().all() and not own.isna().all())
+        found.append(own if is_words else numbers)
+    named = pd.concat(found, axis=1)
     units = [column.unit.unit if isinstance(column.unit, Spread) else column.unit for column in columns]
     below = [unit.rstrip(" ↑↓") for unit in units]
     # Where two columns have one name, what stands below tells them apart.
