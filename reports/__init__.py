@@ -11,7 +11,7 @@ The functions import what they need when they are called, so that `import report
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,6 +54,8 @@ KINDS = tuple(WHY_EMPTY)
 FORMATS = ("text", "markdown", "latex", "csv", "raw")
 # The kinds that show only jobs with a score of validation pairs, by which they choose settings.
 BY_BUDGET = ("front", "curves", "budgets", "when", "ranks", "rungs")
+BY_MATERIAL = ("main", "slices", "angular", "radiance", "footprints", "scene")  # kinds of `reports.by_material`
+OF_VALUES = (*BY_BUDGET, "summary", *BY_MATERIAL)  # the kinds whose cells are written from numbers
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,7 @@ def table_text(
     Raises `InputError` if the folder holds no run, or not what is chosen, and if a table has no rows and a line of the
     records is damaged, so that they may stand there; `ValueError` for an unknown format or kind.
     """
-    from bench.compare.choosing import has_validation
-    from bench.records import load_together, refuse_damaged
+    from bench.records import refuse_damaged
     from reports import trade
     from reports.tables import all_tables
     from reports.terminal import terminal
@@ -93,12 +94,7 @@ def table_text(
 
     if format not in FORMATS or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
-    folders = [runs] if isinstance(runs, str | Path) else runs
-    # `beside`: a job on other data than those of published records stands beside them, instead of raising an error.
-    if kind in BY_BUDGET:  # a job that these tables cannot show must not replace one that they can
-        run = load_together(folders, wanted=has_validation, beside=True)
-    else:
-        run = load_together(folders, beside=True)
+    run = _together(runs, kind)
     if choice:
         run = choice.of_run(run)
     if format == "raw":
@@ -110,37 +106,50 @@ def table_text(
     against = choice.against if choice else ""
     text = _formatted(all_tables(run, narrow, kind, against), format, choice)
     if not text.strip() and kind != "unfinished":  # what was planned, and has no result, is known without the records
-        refuse_damaged(folders)
+        refuse_damaged([runs] if isinstance(runs, str | Path) else runs)
     return text
 
 
 def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.DataFrame":
-    """The numbers of a kind of table as a frame: a row for each of its rows, NaN where it has a dash.
+    """The numbers of a kind of table as a frame of floats: a row for each of its rows, NaN where it has no number.
 
-    `attrs` has the titles, notes, units and better ends. Several tables of a kind stand one below the other, with the
-    title of each as the first level of the index. `runs` are as for `table_text`.
+    Its first columns, such as that of the codec, and those without any number, have words. `attrs` has the titles,
+    notes, units and better ends. Several tables of a kind stand one below the other, with the title of each as the
+    first level of the index. `runs` are as for `table_text`.
 
-    Raises `InputError` if there is no such table, or the kind is not one of `BY_BUDGET`, whose cells are written from
+    Raises `InputError` if there is no such table, or the kind is not one of `OF_VALUES`, whose cells are written from
     numbers.
     """
     import pandas as pd
 
-    from bench.compare.choosing import has_validation
     from bench.inputs.errors import InputError
-    from bench.records import load_together
     from reports.tables import all_tables
 
-    if kind not in BY_BUDGET:
-        raise InputError(f"table_values: not of the kind {kind!r}: choose one of {', '.join(BY_BUDGET)}")
-    folders = [runs] if isinstance(runs, str | Path) else runs
-    tables = all_tables(load_together(folders, wanted=has_validation, beside=True), kind=kind)
+    if kind not in OF_VALUES:
+        raise InputError(f"table_values: not of the kind {kind!r}: choose one of {', '.join(OF_VALUES)}")
+    tables = all_tables(_together(runs, kind), kind=kind)
     if not tables:
         raise InputError(f"table_values: no such table: {WHY_EMPTY[kind]}")
     frames = [table.values for table in tables if table.values is not None]
     titles = [table.title for table in tables]
     found = frames[0] if len(frames) == 1 else pd.concat(frames, keys=titles)
-    found.attrs = {"titles": titles, "notes": [note for table in tables for note in table.footnotes], **frames[0].attrs}
+    attrs: dict[Any, Any] = {"titles": titles, "notes": [str(note) for table in tables for note in table.footnotes]}
+    for known in ("units", "directions"):
+        attrs[known] = {name: said for frame in frames for name, said in frame.attrs[known].items()}
+    found.attrs = attrs
     return found
+
+
+def _together(runs: str | Path | Sequence[str | Path], kind: str | None) -> "Run":
+    """The runs as one, of which tables of a kind are made."""
+    from bench.compare.choosing import has_validation
+    from bench.records import load_together
+
+    folders = [runs] if isinstance(runs, str | Path) else runs
+    # `beside`: a job on other data than those of published records stands beside them, instead of raising an error.
+    if kind in BY_BUDGET:  # a job that these tables cannot show must not replace one that they can
+        return load_together(folders, wanted=has_validation, beside=True)
+    return load_together(folders, beside=True)
 
 
 def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "Choice | None" = None) -> str:

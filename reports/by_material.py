@@ -39,7 +39,7 @@ from reports.notes import common_notes, cost_notes, main_notes, quality_notes, s
 from reports.numbers import EXACT, NOT_APPLICABLE, NOT_COMPARABLE
 from reports.rows import CodecRows, MaterialRows, Row, facts_of, unit_and_arrow
 from reports.scene_models import scene_gains, scene_quality
-from reports.table import Table
+from reports.table import Spread, Table
 from reports.values import Column, written
 
 _DEVIATION = " ± {}"
@@ -76,7 +76,7 @@ class Measure(NamedTuple):
         """The column as it is written of these values; `unranked` is the column of rows that get no mark."""
         unit = self.unit
         if self.pair == _DEVIATION and values[self.beside].notna().any():
-            unit = f"{unit} ± {'slices' if self.second else 'seeds'}".strip()
+            unit = Spread(unit, "± slices" if self.second else "± seeds")
         better = next((arrow for arrow in "↑↓" if arrow in self.unit), "")
         return Column(
             self.name,
@@ -203,6 +203,13 @@ def _quality(material: MaterialRows) -> list[Measure]:
 def in_short(material: MaterialRows) -> list[Measure]:
     """The size of a file, its PSNR and its times, whether or not rows have them."""
     return [_TOTAL, SIZE[-1], _psnr(material), *(measure for measure in _time() if not measure.sparse)]
+
+
+def in_summary(material: MaterialRows) -> list[Measure]:
+    """The columns of a summary over materials besides PSNR: every other metric, size, time."""
+    arrow = " ↓"  # main tables mark the time in ns instead
+    times = [measure._replace(unit=measure.unit + arrow) for measure in (_FLOOR, _FUSED)]
+    return [*_others(material, spread=False), _TOTAL, *times]
 
 
 def psnr_of(run: Run, material: MaterialRows) -> dict[str, float]:
@@ -411,19 +418,21 @@ def tables(run: Run, materials: Iterable[MaterialRows], name: str, stale: bool =
 def rows_of(run: Run, codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
     """The values of each codec on a material, over its seeds, by field, and that which stands beside each.
 
-    Further columns: `codec`, its label; `stale`, why its newest seed cannot be made again; `measured`, whether it has
-    numbers; and whether it is `unranked`, has times that were `timed apart`, or is `in addition` to the codecs. Codecs
-    without numbers say why: `n/c` in each cell if a job is not comparable, “failed” in the first if one failed.
+    Further columns: `codec`, its label; `stale`, its name and why its newest seed cannot be made again; `measured`,
+    whether it has numbers; and whether it is `unranked`, has times that were `timed apart`, or is `in addition` to the
+    codecs. Codecs without numbers say why: `n/c` in each cell if a job is not comparable, “failed” in the first if one
+    failed.
     """
     codecs = list(codecs)
     records = _records(run, [row.job["job"] for codec in codecs for row in codec.rows], measures)
     for codec in codecs:
         measured = [records[row.job["job"]] | _of_row(row) for row in codec.measured]
         reasons = [records[row.job["job"]]["stale"] for row in codec.rows]
+        stale = next((reason for reason in reversed(reasons) if reason), "")
         apart = any(row.timed_apart for row in codec.measured)
         values: dict[str, Any] = {
             "codec": codec.label,
-            "stale": next((reason for reason in reversed(reasons) if reason), ""),
+            "stale": f"{codec.codec}: {stale}" if stale else "",
             "measured": bool(measured),
             "unranked": codec.of_scene,
             "timed apart": apart,

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from bench.inputs.errors import InputError, did_you_mean
-from bench.records import Job, Records, Run, shown_label
-from reports.table import Table
+from bench.records import Job, Records, Run, planned_jobs, shown_label
+from reports.table import OfData, Spread, Table
 
 
 def new_names(words: Sequence[str]) -> dict[str, str]:
@@ -52,7 +52,7 @@ class Choice:
             raise InputError(f"--against {self.against}: this run has no such row: it has {labels}")
         if not (self.codecs or self.materials):
             return run
-        jobs = Records({job["job"]: job for job in run.jobs if self._has(job)})
+        jobs = Records({job["job"]: job for job in run.jobs if self._chosen(job["material"], _codec_names(job))})
         self._refuse_absent(run, jobs)
         if self.against and not any(self.against in _codec_names(job) for job in jobs):
             remedy = f"give --codec {self.against}, too" if self.codecs else "choose a material that it was measured on"
@@ -61,8 +61,8 @@ class Choice:
         # tables do not list them as not run.
         starts = []
         for start in run.starts:
-            planned = [name for name in start.get("jobs", []) if self._has(_planned_job(name))]
-            starts.append(start | {"jobs": planned})
+            planned = [job for job in planned_jobs(start) if self._chosen(job.material, (job.codec, job.label))]
+            starts.append(start | {"jobs": [job.name for job in planned]})
         return replace(run, jobs=jobs, starts=starts)
 
     def _refuse_absent(self, run: Run, jobs: Records[Job]) -> None:
@@ -79,13 +79,11 @@ class Choice:
             if not any(codec in _codec_names(job) for job in jobs):
                 raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, codecs_of_run)}")
 
-    def _has(self, job: Job) -> bool:
-        """Whether a job is of a chosen material and of a chosen codec. Where none is given, all are chosen."""
-        if self.materials and job["material"] not in self.materials:
+    def _chosen(self, material: str, codec_names: Sequence[str]) -> bool:
+        """Whether a job of this material, with a codec of these names, is chosen. Where none is given, all are."""
+        if self.materials and material not in self.materials:
             return False
-        if not self.codecs:
-            return True
-        return any(codec in _codec_names(job) for codec in self.codecs)
+        return not self.codecs or any(codec in codec_names for codec in self.codecs)
 
     def of_tables(self, tables: Sequence[Table]) -> list[Table]:
         """The tables with only the chosen columns, in the order of the choice, and with the new names.
@@ -153,14 +151,10 @@ class Choice:
         name, unit = header
         name_and_unit = _name_and_unit(header)
         if name_and_unit in self.names:
-            _, sign, over = unit.partition("± ")  # of "dB ↑ ± seeds" keep "± seeds", what the deviation is over
-            return self.names[name_and_unit], sign + over
-        if name == "against":  # its second line is the codec that all others are set against
-            return self.names.get(name, name), self.said(unit)
-        on, is_on_material, material = name.partition("on ")
-        if is_on_material and not on:  # the differences on one material
-            return f"on {self.said(material)}", unit
-        return self.names.get(name, name), unit
+            return self.names[name_and_unit], unit.over if isinstance(unit, Spread) else ""
+        if isinstance(unit, OfData):
+            unit = self.said(unit)
+        return self.said(name) if isinstance(name, OfData) else self.names.get(name, name), unit
 
     def said(self, text: str, old_names: set[str] | None = None) -> str:
         """A text with new names in place of old ones where these stand as whole words.
@@ -176,13 +170,6 @@ class Choice:
         return re.sub(pattern, lambda match: self.names[match[0]], text)
 
 
-def _planned_job(name: str) -> Job:
-    """A job with only the fields that the name of a planned job, `MATERIAL/LABEL/SEED`, tells."""
-    material, _, rest = name.partition("/")
-    label, _, _seed = rest.rpartition("/")
-    return {"job": name, "material": material, "label": label, "codec": label.split(" ")[0]}
-
-
 def _codec_names(job: Job) -> tuple[str, ...]:
     """The names by which a choice may call the codec of a job: its name, its label, its label in tables."""
     return str(job.get("codec", "")), str(job.get("label", "")), shown_label(job)
@@ -190,7 +177,8 @@ def _codec_names(job: Job) -> tuple[str, ...]:
 
 def _name_and_unit(header: tuple[str, str]) -> str:
     """A header on one line without what its deviation is over: "PSNR dB ↑" of ("PSNR", "dB ↑ ± seeds")."""
-    return " ".join(header).partition("±")[0].strip()
+    name, unit = header
+    return f"{name} {unit.unit if isinstance(unit, Spread) else unit}".strip()
 
 
 def _matches(column: str, header: tuple[str, str]) -> bool:

@@ -22,6 +22,7 @@ NOTE = (
 class FitCurve(NamedTuple):
     """One job's curve, from its beginning."""
 
+    job: str  # its name
     label: str  # the codec with its settings
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
     direct: float  # share of the steps that NeuBTF's first stage takes, without its autoencoder; 0 without that stage
@@ -41,7 +42,7 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
                 if "seconds" in point and "psnr" in point:  # a codec may leave them out
                     points.append((point["step"], point["seconds"], point["psnr"]))
             if points:
-                curves.append(FitCurve(row.label, points, _direct(row.job)))
+                curves.append(FitCurve(row.job["job"], row.label, points, _direct(row.job)))
         if curves:
             by_material[material.name] = curves
     return by_material
@@ -75,7 +76,8 @@ def fit_tables(run: Run) -> Iterator[Table]:
         headers += [(f"to {goal} dB", "steps ↓"), (f"to {goal} dB", "s ↓")]
     for name, curves in curves_by_material(run).items():
         rows = [[fit.label, *_cells(fit)] for fit in curves]
-        yield Table("fits", f"{name}: how soon a fit is good", headers, rows, [NOTE], material=name)
+        jobs = [[fit.job] for fit in curves]
+        yield Table("fits", f"{name}: how soon a fit is good", headers, rows, [NOTE], material=name, jobs=jobs)
 
 
 def _cells(fit: FitCurve) -> list[str]:

@@ -243,7 +243,7 @@ def rung_tables(run: Run) -> Iterator[Table]:
             for line, rung in best.items():
                 picked.setdefault(line, {}).setdefault(rung, []).append(budget)
         chosen = {rung: _span(limits) for of_line in picked.values() for rung, limits in of_line.items()}
-        values = rungs.frame.loc[list(chosen)].rename(columns={"line": "codec"})
+        values = rungs.frame.loc[list(chosen)].assign(codec=lambda rung: rung["line"])
         values["budgets"] = list(chosen.values())
         values["stale"] = _stale(rungs, values["codec"], [material])
         title = f"{material}: the rung of each budget"
@@ -510,7 +510,7 @@ TABLES = {
 
 
 def _stale(rungs: Rungs, lines: Iterable[str], surfaces: Sequence[str] = ()) -> list[str]:
-    """Of each line why its numbers, on some surfaces or on all, cannot be made again; "" if they can."""
+    """Of each line its codec and why its numbers, on some surfaces or on all, cannot be made again; "" if they can."""
     on = surfaces or rungs.surfaces
     reasons = {line: reason for (line, surface), reason in rungs.stale.items() if surface in on}
     return [reasons.get(line, "") for line in lines]

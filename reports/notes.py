@@ -13,7 +13,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.metrics import label_of
-from bench.records import MOST_DB, PSNR, Machine, Run, RunStart, deciding_group, grouped, shown_columns, shown_label
+from bench.records import (
+    MOST_DB,
+    PSNR,
+    Machine,
+    Run,
+    RunStart,
+    deciding_group,
+    grouped,
+    planned_jobs,
+    shown_columns,
+    shown_label,
+)
 from reports.numbers import significant
 from reports.rows import MaterialRows, Row, materials
 from reports.table import Note, Part
@@ -270,14 +281,10 @@ def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
     A start lists the jobs that it plans before it fits any: those of a run that was broken off have no record.
     """
     seeds_of: dict[tuple[str, str], list[int]] = {}  # by material and label
-    planned: dict[str, None] = {}  # names of jobs, each once
-    for start in run.starts:
-        planned |= dict.fromkeys(start.get("jobs", []))
-    for name in planned:  # `MATERIAL/LABEL/SEED`
-        material, _, rest = name.partition("/")
-        label, _, seed = rest.rpartition("/")
-        if run.job(name) is None and seed.isdecimal():  # a name without a seed is of no job
-            seeds_of.setdefault((material, label), []).append(int(seed))
+    planned = dict.fromkeys(job for start in run.starts for job in planned_jobs(start))  # each once
+    for job in planned:
+        if run.job(job.name) is None and job.seed is not None:
+            seeds_of.setdefault((job.material, job.label), []).append(job.seed)
     for (material, label), seeds in seeds_of.items():
         yield material, label, seeds
 

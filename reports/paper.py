@@ -15,7 +15,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from statistics import fmean, stdev
 
 from bench.metrics import stats_of
-from bench.records import FLIP, PSNR, SSIM, Job, Run, shown_label
+from bench.records import FLIP, PSNR, SSIM, Job, Run, grouped, shown_label
 from reports.numbers import NONE, fixed, integer, plus_minus, signed, stated
 from reports.rows import of_suite
 from reports.table import Note, Table
@@ -63,6 +63,7 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     missing = _missing(jobs, available, absent or {})
     # The rows, and the notes.
     rows: list[list[str]] = []
+    jobs_of_rows: list[list[str]] = []
     seeds_of: dict[str, dict[tuple[str, str], list[Job]]] = {}  # by material, then by label and status
     for job in jobs:
         if job["material"] in available:
@@ -70,13 +71,16 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
             labels.setdefault((job["label"], job["status"]), []).append(job)
     for labels in seeds_of.values():
         for seeds in labels.values():
-            rows += _rows(seeds)
+            of_seeds = list(_rows(seeds))
+            rows += of_seeds
+            jobs_of_rows += [[job["job"] for job in seeds]] * len(of_seeds)
     for material in missing:
         if material in PUBLISHED:  # the paper has figures of no other
             cells = [material, f"{METHOD} recipe=paper", "", "all"]
             for family, *_ in _METRICS:
                 cells += [NONE_YET, PUBLISHED[material][family]]
             rows.append(cells)
+            jobs_of_rows.append([])
     if not rows:
         return None
     headers = [("material", ""), ("codec", ""), ("seeds", ""), ("pairs", "")]
@@ -85,7 +89,8 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     notes = [*_NOTES, *(f"{NONE_YET}: {material}: {where}." for material, where in missing.items())]
     if missing:
         notes.append("`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get.")
-    return Table("paper", "Quality, beside Table 1 of NeuBTF (2023)", headers, rows, notes, words=4)
+    title = "Quality, beside Table 1 of NeuBTF (2023)"
+    return Table("paper", title, headers, rows, notes, words=4, jobs=jobs_of_rows)
 
 
 def _missing(jobs: Iterable[Job], available: Container[str], absent: Mapping[str, str]) -> dict[str, str]:
@@ -170,13 +175,12 @@ def ablation_table(run: Run) -> Table | None:
     ]
 
     # A row for each label; its parameters and FLOP are those of its first job.
-    first_job: dict[str, Job] = {}  # by label
+    by_label = grouped(jobs, lambda job: str(job["label"]))
     unchanged: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
     for job in jobs:
-        first_job.setdefault(job["label"], job)
         unchanged.setdefault(job["codec"], job["label"])
     rows = []
-    for label, job in first_job.items():
+    for label, (job, *_) in by_label.items():
         unchanged_label = unchanged[job["codec"]]
         settings = label.split()[1:]  # after the codec
         changes = " ".join(setting for setting in settings if setting not in unchanged_label.split())
@@ -194,7 +198,8 @@ def ablation_table(run: Run) -> Table | None:
     if any(NONE in row for row in rows):
         notes.append(f"{NONE}: not measured.")
     title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
-    return Table("ablation", title, headers, rows, notes, words=2)
+    jobs_of_rows = [[job["job"] for job in of_label] for of_label in by_label.values()]
+    return Table("ablation", title, headers, rows, notes, words=2, jobs=jobs_of_rows)
 
 
 def _mean(jobs: Iterable[Job], material: str, label: str, family: str) -> float | None:

@@ -103,7 +103,8 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
         notes.append("Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name.")
         if gpus:
             notes.append(f"GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20.")
-    return Table("parameters", title, headers, rows, notes, words=2)
+    names = [[job.get("job", "") for job in same_decoder] for same_decoder in jobs_of_rows]
+    return Table("parameters", title, headers, rows, notes, words=2, jobs=names)
 
 
 def _time_headers(gpus: Sequence[str]) -> list[tuple[str, str]]:

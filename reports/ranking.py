@@ -5,7 +5,7 @@ Its *standing* is its place by PSNR over all materials. It has a *rank* only if 
 run. A model *of a scene* was fitted to the directions that one scene uses, so it answers for that scene alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 from bench.compare.paired import AGAINST, Against, against
@@ -40,36 +40,41 @@ def against_one(run: Run, wanted: str = "") -> Against:
     that no result decides which row it is. Raises `InputError` for a row that is not there, or that was not measured
     on all materials. Kept with the run.
     """
+    codecs = codecs_of(run)
     ranked_labels = [standing.label for standing in ranked(run) if standing.rank is not None]
-    labels_of_suite = dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs)
-    in_suite_order = [label for label in labels_of_suite if label in ranked_labels]
+    in_suite_order = {label: codec for label, codec in codecs.items() if label in ranked_labels}
     if wanted:
         reference = _row_named(wanted, in_suite_order)
     elif in_suite_order:
-        of_usual_codec = [label for label in in_suite_order if label.split()[0] == AGAINST]
-        reference = of_usual_codec[0] if of_usual_codec else in_suite_order[0]
+        of_usual_codec = [label for label, codec in in_suite_order.items() if codec == AGAINST]
+        reference = [*of_usual_codec, *in_suite_order][0]
     else:  # no codec has a rank
         return Against(first="", over={}, on={})
     others = [label for label in ranked_labels if label != reference]
     return against(run, reference, others)
 
 
-def rows_of(codec: str, run: Run) -> int:
+@view
+def codecs_of(run: Run) -> dict[str, str]:
+    """The name of the codec of each label, in the order of the suite. Kept with the run."""
+    return {codec.label: codec.codec for material in materials(run) for codec in material.codecs}
+
+
+def settings_of(codec: str, run: Run) -> int:
     """The number of rows, one for each of its settings, that a codec of this name has among those that are ranked."""
-    labels = [standing.label for standing in ranked(run) if standing.rank is not None]
-    return sum(label.split()[0] == codec for label in labels)
+    codecs = codecs_of(run)
+    return sum(codecs[standing.label] == codec for standing in ranked(run) if standing.rank is not None)
 
 
-def _row_named(wanted: str, labels: Sequence[str]) -> str:
-    """The label of the one row that is meant by `wanted`: a label, or a codec's name.
+def _row_named(wanted: str, codecs: Mapping[str, str]) -> str:
+    """The label of the one row that is meant by `wanted`: a label, or a codec's name; `codecs` has that of each label.
 
     `InputError` if `wanted` means no row, or several.
     """
-    matches = [label for label in labels if wanted == label]
-    if not matches:  # a name alone counts only if no whole label is the same: "pca" may be both
-        matches = [label for label in labels if label.split()[0] == wanted]
+    if wanted in codecs:  # a name alone counts only if no whole label is the same: "pca" may be both
+        return wanted
+    matches = [label for label, codec in codecs.items() if codec == wanted]
     if len(matches) != 1:
         why = "it has several rows" if matches else "no row on all materials has this label"
-        choices = matches or labels
-        raise InputError(f"--against {wanted}: {why}: name one of {'; '.join(choices)}")
+        raise InputError(f"--against {wanted}: {why}: name one of {'; '.join(matches or codecs)}")
     return matches[0]

@@ -98,6 +98,11 @@ class CodecRows:
         return [row for row in self.rows if row.measured]
 
     @property
+    def codec(self) -> str:
+        """The name of the codec, without settings."""
+        return str(self.rows[0].job.get("codec") or self.label)
+
+    @property
     def of_scene(self) -> bool:
         """Whether its files were fitted to a scene, so that its quality over the whole material is not ranked."""
         return any(fitted_to_scene(row.job) for row in self.measured)
@@ -111,8 +116,7 @@ class CodecRows:
     def ladder(self) -> str:
         """The name of the curve that a figure draws through several settings of a codec, if its record says one; else
         the codec's name. The codec must have a measured row."""
-        job = self.measured[0].job
-        return str(job.get("curve") or job.get("codec") or self.label)
+        return str(self.measured[0].job.get("curve") or self.codec)
 
 
 @dataclass(frozen=True)

@@ -100,15 +100,15 @@ class Summary(NamedTuple):
 class Rungs:
     """The rungs of a run and its curves; `without` and `unlike` are the jobs that are left out.
 
-    `frame` has a row a rung, numbered from 0: `line`, `label`, `setting`, `material`, `job` (of its first seed), `bits`
-    a texel and means over seeds: `total` bytes, `validation` PSNR, scores at test pairs `psnr`, `pooled`, `ssim`,
-    `flip`, PSNR by footprint `1` to `8`, times `eager`, `fused` and `fit`; and `seeds`, the PSNR of each.
+    `frame` has a row a rung, numbered from 0: `line`, its `codec`, `label`, `setting`, `material`, `job` (of its first
+    seed), `bits` a texel and means over seeds: `total` bytes, `validation` PSNR, scores at test pairs `psnr`, `pooled`,
+    `ssim`, `flip`, PSNR by footprint `1` to `8`, times `eager`, `fused` and `fit`; and `seeds`, the PSNR of each.
     """
 
     frame: pd.DataFrame
     surfaces: dict[str, str]  # the kind of each material that has a rung at some budget, in the order of records
     shapes: dict[str, tuple[int, int]]  # of each material: height and width in texels
-    stale: Mapping[tuple[str, str], str]  # by line and material: why its numbers cannot be made again, in words
+    stale: Mapping[tuple[str, str], str]  # by line and material: “codec: why its numbers cannot be made again”
     without: list[Job]  # without a score of validation pairs
     unlike: list[Job]  # not comparable with the published ones of their material, or else with the newest
 
@@ -116,6 +116,11 @@ class Rungs:
     def times(self) -> list[str]:
         """The kinds of times that were measured."""
         return [kind for kind in (EAGER, FUSED, FIT) if self.frame[kind].notna().any()]
+
+    @property
+    def codecs(self) -> dict[str, str]:
+        """The name of the codec of each line."""
+        return dict(zip(self.frame["line"], self.frame["codec"], strict=True))
 
     @property
     def limits(self) -> list[Budget]:
@@ -359,11 +364,12 @@ def rungs_of(run: Run) -> Rungs:
     scored = {job["job"]: job for job in done if has_validation(job)}
     without = [job for job in done if job["job"] not in scored]
     if not scored:
-        names = ["line", "label", "setting", "material", "job", "bits", *_COSTS, *_SCORES, "seeds"]
+        names = ["line", "codec", "label", "setting", "material", "job", "bits", *_COSTS, *_SCORES, "seeds"]
         return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, {}, without, [])
     frame = frame_of(replace(run, jobs=Records(scored)), records=False)
     unlike = [scored[name] for name in frame.loc[frame["why"] != "", "job"]]
-    values = frame.loc[frame["why"] == "", ["line", "label", "material", "surface", "setting", "job", "stale"]].copy()
+    named = ["line", "codec", "label", "material", "surface", "setting", "job", "stale"]
+    values = frame.loc[frame["why"] == "", named].copy()
     values[[EAGER, FUSED]] = frame[[EAGER, FUSED]].astype(float)
     values[FIT] = frame["fit_seconds"].astype(float).replace(0.0, np.nan)
     jobs = [scored[name] for name in values["job"]]
@@ -377,7 +383,7 @@ def rungs_of(run: Run) -> Rungs:
 
     # By label, which names what differs from the defaults: a setting that is added later splits no rung.
     grouped = values.groupby(["line", "label", "material"], sort=False)
-    rungs = grouped[["setting", "job", "height", "width"]].first()
+    rungs = grouped[["codec", "setting", "job", "height", "width"]].first()
     rungs = rungs.join(grouped[[*_SCORES, *_COSTS]].mean())
     seeds: list[list[float]] = [[] for _ in range(len(rungs))]
     for rung, psnr in zip(grouped.ngroup().tolist(), values["psnr"].tolist(), strict=True):
@@ -394,11 +400,12 @@ def rungs_of(run: Run) -> Rungs:
 
     last: Any = values.drop_duplicates("material", keep="last").set_index("material").to_dict("index")
     stale = values[values["stale"] != ""].drop_duplicates(["line", "material"], keep="last")
+    reasons = stale["codec"] + ": " + stale["stale"]
     everything = Rungs(
         rungs,
         {material: last[material]["surface"] for material in values["material"].unique()},
         {name: (int(row["height"]), int(row["width"])) for name, row in last.items()},
-        dict(zip(zip(stale["line"], stale["material"], strict=True), stale["stale"], strict=True)),
+        dict(zip(zip(stale["line"], stale["material"], strict=True), reasons, strict=True)),
         without,
         unlike,
     )

@@ -6,7 +6,6 @@ grazing angles or highlights, in *groups* of one sort. A record is one extreme o
 sentence, and in `used` which share of what is allowed was used. Only codecs have versions.
 """
 
-import re
 from collections.abc import Iterable
 
 from bench.records import FILE, STRESS, Run, Stress, load_run
@@ -107,7 +106,7 @@ class _Cells:
 
     def __init__(self, records: list[Stress]):
         self.records = {(record["subject"], record["extreme"]): record for record in records}
-        reasons = dict.fromkeys(_reason(record) for record in records if record["verdict"] == "n/a")
+        reasons = dict.fromkeys(record["detail"] for record in records if record["verdict"] == "n/a")
         self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}  # a, b, c, …
 
     def text(self, subject: str, extreme: str) -> str:
@@ -117,7 +116,7 @@ class _Cells:
         if record is None:
             return NONE
         if record["verdict"] == "n/a":
-            return f"n/a {self.letters[_reason(record)]}"
+            return f"n/a {self.letters[record['detail']]}"
         if record["verdict"] == "pass" and extreme.endswith(REPORTED):
             return str(record["figure"])
         word = WORDS[record["verdict"]]
@@ -143,9 +142,3 @@ class _Cells:
             notes.append(f"{extreme}, worst of all: {record['subject']}: {record['detail']}")
         notes += [f"{letter}: {reason}" for reason, letter in self.letters.items()]
         return notes
-
-
-def _reason(record: Stress) -> str:
-    """Why an extreme does not apply: the detail without the size of the reference, so that cells with one reason share
-    a letter. Of "reference is 1 × 1, and SSIM needs at least 11 × 11" it is "SSIM needs at least 11 × 11"."""
-    return re.sub(r"^reference is [^,]*, and ", "", record["detail"])

@@ -7,6 +7,7 @@ such label of a codec. Codecs *from outside* are not of the package, so most lik
 from collections.abc import Sequence
 from typing import Any
 
+from bench.compare.frame import line_of
 from bench.records import Run, shown_label
 
 # A colour of its own for each codec of the package: any two differ by at least 20 in CIELAB, and each has a contrast of
@@ -48,6 +49,7 @@ class Styles:
     def __init__(self, run: Run):
         labels = dict.fromkeys(map(shown_label, run.jobs))  # each once, in the order of the suite
         self.outside_codecs = list(dict.fromkeys(_codec(label) for label in labels if is_own(label)))
+        self.codec_of_line = {line_of(job): _codec(shown_label(job)) for job in run.jobs if "label" in job}
         self.labels_of_codec: dict[str, list[str]] = {}  # by name of codec, each of its settings
         for label in labels:
             self.labels_of_codec.setdefault(_codec(label), []).append(label)
@@ -80,7 +82,7 @@ class Styles:
 
     def of_line(self, line: str) -> dict[str, Any]:
         """The same for a line of budgets, "codec" or "codec, as published": as its codec, and not dashed."""
-        return self.of_codec(line.partition(",")[0]) | {"linestyle": "-"}
+        return self.of_codec(self.codec_of_line[line]) | {"linestyle": "-"}
 
 
 def is_own(label: str) -> bool:

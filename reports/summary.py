@@ -7,14 +7,16 @@ uses, so it has none. The codecs are *set against* one row by paired differences
 pair of directions) of its PSNR minus that row's, in dB. *Told apart* are two whose difference is hardly chance.
 """
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
+from math import inf, nan
 from statistics import fmean
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pandas as pd
 
 from bench.records import Run
-from reports import columns
-from reports.columns import Column
+from reports.by_material import Measure, in_summary, rows_of
 from reports.notes import (
     about_times,
     height_notes,
@@ -24,50 +26,69 @@ from reports.notes import (
     recipe_notes,
     scene_notes,
 )
-from reports.numbers import EXACT, NONE, fixed, integer, interval, signed
-from reports.rows import CodecRows, MaterialRows, Row, materials
-from reports.table import Note, Table, best_cells
+from reports.numbers import NONE, interval
+from reports.ranking import against_one, codecs_of, ranked, settings_of
+from reports.rows import MaterialRows, materials
+from reports.table import Note, OfData, Table
+from reports.values import Column, Row, written
 
 if TYPE_CHECKING:
-    from bench.compare.paired import Against
-    from bench.compare.ranks import Standing
+    from bench.compare.paired import Against, Interval
 
+_INTERVAL = "{}, with its interval"  # the column of values with the interval of a difference
 MANY = 10  # materials from which the interval of their mean is shown; on fewer, Student's is too wide to say anything
 
 
-def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table | None:
+def summary_table(run: Run, intervals: bool = True, against: str = "", stale: bool = True) -> Table | None:
     """A row a codec; None if fewer than two codecs were measured. Without `intervals` no slice is read.
 
     A codec that lacks a material has no means, because they would not be over the materials of the other rows. A model
     of a scene has none either, because it answers for its scene alone. With `intervals`, the codecs are set `against`
-    one row; see `reports.ranking.against_one`, which raises `InputError`. `against` is "" for the usual row.
+    one row; see `reports.ranking.against_one`, which raises `InputError`. `against` is "" for the usual row. With
+    `stale`, rows of older versions are marked.
     """
-    from reports.ranking import ranked  # loads NumPy, which a table of one material does not need
-
     measured = [material for material in materials(run) if material.measured]
     ranking = ranked(run)
     if len(ranking) < 2:
         return None
 
-    # A row for each codec, with a score for each cell by which the best of a column is marked.
-    chosen = columns.summary(measured)
-    headers = [("codec", ""), ("materials", ""), ("mean rank", "↓"), ("won", "↑"), ("PSNR", "dB ↑")]
-    headers += [(column.name, column.unit) for column in chosen]
-    rows: list[list[str]] = []
-    scores: list[list[float | None]] = []
+    columns = [
+        Column("codec", "", "codec"),
+        Column("materials", "", "materials", write=lambda row: f"{row['materials']:.0f} of {len(measured)}"),
+        Column("mean rank", "↓", "mean rank"),
+        Column("won", "↑", "won", 0),
+        Column("PSNR", "dB ↑", "PSNR", 2),
+    ]
+    measures, on_materials = _on_materials(run, measured)
+    for measure in measures:
+        apart = "timed apart" if measure.timed else ""  # such a time gets a star and is not ranked
+        after = ("*", apart) if apart else ("", "")
+        columns.append(Column(measure.name, measure.unit, measure.name, measure.digits, after=after, unranked=apart))
+    rows = []
     for standing in ranking:
-        row, score = _standing_cells(standing, measured, chosen)
+        on_each = on_materials[standing.label]
+        row: dict[str, Any] = {
+            "codec": standing.label,
+            "stale": next((on["stale"] for on in reversed(on_each) if on["stale"]), "") if stale else "",
+            "timed apart": any(on["timed apart"] for on in on_each),
+            "materials": standing.materials,
+            "mean rank": standing.rank,
+            "won": standing.wins,
+            "PSNR": standing.psnr,
+            **{measure.name: _mean([on.get(measure.name, (nan, nan)) for on in on_each]) for measure in measures},
+        }
+        if standing.rank is None:
+            row |= {column.field: nan for column in columns[2:]}
         rows.append(row)
-        scores.append(score)
     notes: list[str] = ["Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR."]
     notes += [*recipe_notes(measured), *scene_notes(measured), *_lacking(measured)]
     # To the right, the differences to one row; they are never marked.
     if intervals:
-        labels = [row[0] for row in rows]
+        labels = [standing.label for standing in ranking]
         names = [material.name for material in measured]
         differences = _differences(run, labels, names, against)
-        headers += differences.headers
-        rows = [[*row, *cells] for row, cells in zip(rows, differences.rows, strict=True)]
+        columns += differences.columns
+        rows = [row | values for row, values in zip(rows, differences.rows, strict=True)]
         notes += differences.notes
     # Notes on times, which only a time that may be compared needs, and on what is left out.
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
@@ -78,53 +99,41 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
         notes.append(missing)
     materials_in_words = ", ".join(material.name for material in measured)
     title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {materials_in_words}"
-    return Table("summary", title, headers, rows, notes, marks=best_cells(rows, scores))
+    return written("summary", title, pd.DataFrame(rows, dtype=object), columns, notes)
 
 
-def _standing_cells(
-    standing: "Standing", measured: Sequence[MaterialRows], chosen: Sequence[Column]
-) -> tuple[list[str], list[float | None]]:
-    """The cells of a codec's row, and a score for each by which it is marked (more is better; None: not marked).
+def _on_materials(
+    run: Run, measured: Sequence[MaterialRows]
+) -> tuple[list[Measure], dict[str, list[Mapping[str, Any]]]]:
+    """The columns after that of PSNR; and by label of a codec its means over seeds on each of its materials.
 
-    `measured` are the materials with a measured row. A codec without a rank has no means and no scores. `chosen` are
-    the columns after that of PSNR.
+    By name of a column, these are two: one that is infinite if no slice has an error, and what it then counts as in
+    means, such as 48.13 dB. Beside them stand the columns `stale` and `timed apart` of `reports.by_material.rows_of`.
     """
-    has_rank = standing.rank is not None
-    # The codec's rows: on each material, and all of them together.
-    codecs: list[CodecRows] = []
-    seeds: list[Row] = []
+    measures: dict[str, Measure] = {}  # by name: two variants of a metric are one column
+    found: dict[str, list[Mapping[str, Any]]] = {}
     for material in measured:
-        for codec in material.codecs:
-            if codec.label == standing.label:
-                codecs.append(codec)
-                seeds += codec.measured
+        own = in_summary(material)
+        measures |= {measure.name: measure for measure in own}
+        codecs = [codec for codec in material.codecs if codec.measured]
+        as_stated = rows_of(run, codecs, own)
+        counted = rows_of(run, codecs, [measure._replace(stated=False) for measure in own])
+        for values, numbers in zip(as_stated, counted, strict=True):
+            pairs = {measure.name: (values[measure.field], numbers[measure.field]) for measure in own}
+            found.setdefault(values["codec"], []).append(values | pairs)
+    shown = []
+    for measure in sorted(measures.values(), key=lambda measure: not measure.stated):  # metrics before costs
+        everywhere = [on[measure.name][0] for on_each in found.values() for on in on_each if measure.name in on]
+        if not measure.sparse or pd.notna(everywhere).any():
+            shown.append(measure)
+    return shown, found
 
-    if not has_rank:
-        psnr = NONE
-    else:
-        psnr = fixed(standing.psnr, 2)
-    # In the order of the headers of `summary_table`: each cell with its score.
-    scored_cells: list[tuple[str, float | None]] = [
-        (standing.label, None),
-        (f"{standing.materials} of {len(measured)}", None),
-        (fixed(standing.rank, 1), None if standing.rank is None else -standing.rank),  # a smaller rank is better
-        (integer(standing.wins), standing.wins),
-        (psnr, standing.psnr),
-    ]
-    for column in chosen:
-        mean = _mean(column, codecs) if has_rank else None
-        star = column.star(seeds)
-        if has_rank and seeds and column.is_exact(seeds):
-            scored_cells.append((EXACT, math.inf))
-        elif mean is None:
-            scored_cells.append((NONE, None))
-        elif star:  # a time that was measured apart is not ranked
-            scored_cells.append((column.write(mean) + star, None))
-        else:
-            scored_cells.append((column.write(mean), column.sign * mean))  # the sign is −1 where less is better
-    cells = [cell for cell, _ in scored_cells]
-    scores = [score if has_rank else None for _, score in scored_cells]
-    return cells, scores
+
+def _mean(pairs: Sequence[tuple[Any, Any]]) -> float:
+    """The mean over materials of the pairs of `_on_materials`; infinite if each is, NaN if a material has no number."""
+    if all(stated == inf for stated, _ in pairs):
+        return inf
+    return fmean(nan if isinstance(number, str) else number for _, number in pairs)
 
 
 def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
@@ -148,8 +157,8 @@ def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
 class _Differences(NamedTuple):
     """The columns of paired differences of PSNR, which are added to the right of the summary."""
 
-    headers: list[tuple[str, str]]
-    rows: list[list[str]]  # their cells, in the order of the rows of the summary
+    columns: list[Column]
+    rows: list[dict[str, Any]]  # their values by field, in the order of the rows of the summary
     notes: list[Note]
 
 
@@ -161,35 +170,40 @@ def _differences(run: Run, labels: Sequence[str], materials: Sequence[str], want
     column for each material has the difference there with its interval. Reads the slices of the run. `InputError` if
     the run has no row `wanted`.
     """
-    from reports.ranking import against_one, rows_of
-
     against = against_one(run, wanted)
-    codec = against.first.partition(" ")[0]  # a label is the codec, then its settings
-    codec_has_several_rows = rows_of(codec, run) > 1
+    codec = codecs_of(run).get(against.first, "")  # there is none if no codec has a rank
+    several = settings_of(codec, run) > 1
     column_for_each = 1 < len(materials) < MANY  # whether each material has a column of its own
-    headers = [("against", against.first if codec_has_several_rows else codec)]
+    # A row has no difference to itself, nor where it cannot be compared.
+    of_columns = {"against": against.over}
+    unit = OfData(against.first if several else codec)
+    columns = [Column("against", unit, "against", write=partial(_with_interval, "against"))]
     if column_for_each:
-        headers += [(f"on {name}", "dB") for name in materials]
+        columns = [Column("against", unit, "against", 2, signed=True, after=(" *", "told apart"))]
+        for number, name in enumerate(materials):
+            field = f"on {number}"
+            of_columns[field] = against.on.get(name, {})
+            columns.append(Column(OfData(f"on {name}"), "dB", field, write=partial(_with_interval, field)))
     rows = []
     for label in labels:
-        over_all = against.over.get(label)  # None for the row itself, and for rows that cannot be compared
-        if over_all is None:
-            cells = [NONE]
-        elif column_for_each:
-            mark = " *" if over_all.apart else ""  # a star if the two are told apart
-            cells = [signed(over_all.mean) + mark]
-        else:
-            cells = [interval(over_all)]
-        if column_for_each:
-            for name in materials:
-                on_material = against.on.get(name, {}).get(label)
-                cells.append(NONE if on_material is None else interval(on_material))
-        rows.append(cells)
+        row: dict[str, Any] = {}
+        for field, differences in of_columns.items():
+            found = differences.get(label)
+            row[field] = found.mean if found else nan
+            row[_INTERVAL.format(field)] = found
+        row["told apart"] = label in against.over and against.over[label].apart
+        rows.append(row)
     notes = []
     if against.over:
-        text = _paired(against, codec_has_several_rows and not wanted, column_for_each)
+        text = _paired(against, several and not wanted, column_for_each)
         notes.append(Note((text, _is_difference)))
-    return _Differences(headers, rows, notes)
+    return _Differences(columns, rows, notes)
+
+
+def _with_interval(field: str, row: Row) -> str:
+    """The cell of a difference with its interval."""
+    found: Interval | None = row[_INTERVAL.format(field)]
+    return interval(found) if found else NONE
 
 
 def _is_difference(name: str) -> bool:
@@ -221,15 +235,3 @@ def _paired(against: "Against", first_of_several: bool, column_for_each: bool) -
         return f"{text} On fewer than {FEWEST} surfaces nothing is told apart."
     count = sum(interval.apart for interval in intervals)
     return f"{text} {count or 'None'} of {len(intervals)} told apart (*), by Holm's correction over the rows."
-
-
-def _mean(column: Column, codecs: Sequence[CodecRows]) -> float | None:
-    """The mean over materials of a column's means over seeds; None if a material has no number.
-
-    `codecs` are the rows of one label, an item for each material.
-    """
-    means = [column.mean(codec.measured) for codec in codecs if codec.measured]
-    numbers = [mean for mean in means if mean is not None]
-    if not numbers or len(numbers) < len(means):
-        return None
-    return fmean(numbers)

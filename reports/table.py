@@ -1,12 +1,10 @@
 """One table as text in cells, the best of each column bold, the second underlined.
 
-A *mark* makes a cell bold or underlined. A *score* is a number that says how good a cell is; by it cells are marked. A
-*note* is a text below a table. Its *words* are its first columns, such as that of the codec; the others have *numbers*.
+A *mark* makes a cell bold or underlined. A *note* is a text below a table. Its *words* are its first columns, such as
+that of the codec; the others have *numbers*.
 """
 
-import re
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -18,6 +16,7 @@ if TYPE_CHECKING:
 
 BOLD, UNDERLINED = "bold", "underlined"  # the marks of cells; plain text shows `DOT` for the first
 FEW = 3  # rows that may share a mark: a value that more rows have is no distinction
+STALE = " †"  # after a codec whose records are of an older version than the installed one
 DOT = "•"  # before the best of a column in plain text, which has no bold
 LEGEND = "Bold: the best of a column. Underlined: the second best."
 TERMS = {  # of headers, explained above the tables that have them
@@ -62,6 +61,24 @@ class Note(str):
         return Note(*parts, around=self.around)
 
 
+class OfData(str):
+    """A name or a unit in a header that names a codec or a material, for which a reader may have another name."""
+
+
+class Spread(str):
+    """The unit of a column that shows deviations, “dB ↑ ± seeds”: the `unit` of its numbers, and what is `over`."""
+
+    unit: str
+    over: str
+
+    def __new__(cls, unit: str, over: str) -> "Spread":
+        """The unit “dB ↑” with what its deviation is over, “± seeds”."""
+        spread = super().__new__(cls, f"{unit} {over}".strip())
+        spread.unit = unit
+        spread.over = over
+        return spread
+
+
 @dataclass(frozen=True)
 class Table:
     """Cells as text. A header is a name and, below it, a unit with an arrow to the better end; "" without a unit."""
@@ -75,6 +92,7 @@ class Table:
     material: str = ""  # the material, if the table is of one
     fold: int = 22  # the width at which a terminal folds the first column, if only that holds words
     marks: dict[tuple[int, int], str] = field(default_factory=dict)  # by row and column: `BOLD` or `UNDERLINED`
+    jobs: list[list[str]] = field(default_factory=list)  # names of the jobs that each row shows, where stale ones count
     values: "pd.DataFrame | None" = None  # the numbers of which the cells were written, of a table that has them
 
     @property
@@ -143,34 +161,6 @@ class Table:
         return replace(self, headers=headers, rows=rows, notes=notes, marks=marks)
 
 
-def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | None]]) -> dict[tuple[int, int], str]:
-    """The marks of cells by row and column, from a score of each cell (more is better); None gets no mark.
-
-    `rows` are the cells as text, and `scores` has as many columns. Scores may have fewer rows than the table: its last
-    rows then get no mark. Cells are equally good if their numbers read the same; a deviation or interval after the
-    number does not count. A column has no mark if all its cells are
-    equal, or if only one has a score. A number that more than `FEW` rows share is not marked, nor a second best of
-    zero.
-    """
-    marks: dict[tuple[int, int], str] = {}
-    for column in range(len(scores[0]) if scores else 0):
-        scored: list[tuple[float, str, int]] = []  # score, number as shown, row
-        for i, row in enumerate(scores):
-            score = row[column]
-            if score is not None:
-                number, *_ = re.split(r" [±(]", rows[i][column])  # before " ± 0.12" or " (29.8 to 30.4)"
-                scored.append((score, number, i))
-        scored.sort(key=lambda item: -item[0])  # the best first
-        rows_with = Counter(number for _, number, _ in scored)  # by number: how many rows show it
-        numbers = list(rows_with)  # each once, the best first
-        if len(numbers) < 2:  # nothing to tell apart
-            continue
-        best, second = numbers[:2]
-        mark_of = {best: BOLD}
-        is_zero = re.fullmatch("[0.]+", second)  # such as "0" or "0.00"
-        if not is_zero:
-            mark_of[second] = UNDERLINED
-        for _, number, i in scored:
-            if number in mark_of and rows_with[number] <= FEW:
-                marks[i, column] = mark_of[number]
-    return marks
+def stale_note(reasons: Iterable[str]) -> str:
+    """The note on rows with the mark `STALE`, each reason with its codec."""
+    return f"†: stale, its numbers cannot be made again by the installed version: {'; '.join(reasons)}."

@@ -8,27 +8,23 @@ texels at one *pair* of view and light directions. A model *of a scene* was fitt
 it again.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import cast
 
 from bench.codecs.alike import stale
 from bench.compare.choosing import has_validation
 from bench.records import Run
-from reports import BY_BUDGET, KINDS
+from reports import BY_BUDGET, BY_MATERIAL, KINDS
 from reports.fits import fit_tables
 from reports.notes import not_run
 from reports.paper import ablation_table, paper_table
 from reports.parameters import TimedJob, parameters_table
 from reports.rows import MaterialRows, materials
 from reports.stress import stress_tables
-from reports.summary import summary_table
-from reports.table import Table
+from reports.table import STALE, Table, stale_note
 from reports.times import times_tables, variant_tables
 from reports.trade import trade_tables
-
-BY_MATERIAL = ("main", "slices", "angular", "radiance", "footprints", "scene")  # kinds of `reports.by_material`
-_STALE = " †"  # after a codec whose records are of an older version than the installed one
 
 
 def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against: str = "") -> list[Table]:
@@ -39,7 +35,7 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
     """
     rows = [] if kind in BY_BUDGET else materials(run)  # which those do not need, and which takes long
     makers = dict(_OF_KIND)
-    makers["summary"] = lambda run, _: [summary_table(run, against=against)]
+    makers["summary"] = _summary(against)
     if narrow:
         makers["main"] = lambda run, rows: [*_by_material("quality")(run, rows), *_by_material("cost")(run, rows)]
     tables: list[Table] = []
@@ -50,68 +46,23 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
 
 
 def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
-    """The tables, with a mark at each row whose numbers the installed version of its codec cannot make again."""
-    reasons: dict[tuple[str, _Fitted], str] = {}  # by material and codec: why it is stale, in words
-    finished = [job for job in run.jobs if job["status"] == "ok"]
-    reason_of_job = stale(finished)
-    for job in finished:
-        if job["job"] in reason_of_job:
-            fitted = _Fitted(job["codec"], as_published=job.get("settings", {}).get("recipe") == "paper")
-            reasons[job["material"], fitted] = reason_of_job[job["job"]]
+    """The tables, with a mark at each row whose numbers the installed version of its codec cannot make again.
+
+    That is a row of a stale job, of a table that names its `jobs`; tables of values mark their own.
+    """
+    finished = {job["job"]: job for job in run.jobs if job["status"] == "ok"}
+    reasons = {name: f"{finished[name]['codec']}: {why}" for name, why in stale([*finished.values()]).items()}
     for table in tables:
-        # Tables of values mark their own; settings are timed apart from any job, and a stale job says nothing of them.
-        if table.kind in (*BY_BUDGET, *BY_MATERIAL, "times"):
+        found = [next((reasons[job] for job in jobs if job in reasons), "") for jobs in table.jobs]
+        if not any(found):
             yield table
             continue
-        of_table = {}
-        for (material, fitted), reason in reasons.items():
-            if table.material in ("", material):  # a table over all materials has the stale rows of each
-                of_table[fitted] = reason
-        yield _with_rows_marked(table, of_table)
-
-
-class _Fitted(NamedTuple):
-    """A codec by its name, and whether it was fitted by its paper's recipe, which may have a version of its own."""
-
-    codec: str
-    as_published: bool
-
-
-def _fitted_in(table: Table, cell: str) -> list[_Fitted]:
-    """What a row of a table may show, by its cell that names the codec.
-
-    That is a label such as "neumip recipe=paper steps=100", or a line such as "neumip" or
-    "neumip, as published". The ablation has the name of the codec alone, whatever the recipe.
-    """
-    codec = _codec_in(cell)
-    if table.kind == "ablation":
-        return [_Fitted(codec, as_published=False), _Fitted(codec, as_published=True)]
-    return [_Fitted(codec, as_published="recipe=paper" in cell or "as published" in cell)]
-
-
-def _codec_in(cell: str) -> str:
-    """The name of the codec with which a cell begins."""
-    return cell.partition(" ")[0].rstrip(",")
-
-
-def _with_rows_marked(table: Table, reasons: Mapping[_Fitted, str]) -> Table:
-    """The table with a mark at the rows of these codecs, and a note that gives the reasons why they are stale."""
-    names = [name for name, _ in table.headers]
-    column = names.index("codec") if "codec" in names else 0
-    rows = []
-    reasons_of_rows: dict[str, str] = {}  # by codec that has a row here
-    for row in table.rows:
-        cell = row[column]
-        found = [reasons[fitted] for fitted in _fitted_in(table, cell) if fitted in reasons]
-        if found:
-            reasons_of_rows[_codec_in(cell)] = found[0]
-            row = [*row[:column], cell + _STALE, *row[column + 1 :]]
-        rows.append(row)
-    notes = list(table.notes)
-    if reasons_of_rows:
-        words = "; ".join(f"{codec}: {reason}" for codec, reason in reasons_of_rows.items())
-        notes.append(f"†: stale, its numbers cannot be made again by the installed version: {words}.")
-    return replace(table, rows=rows, notes=notes)
+        names = [name for name, _ in table.headers]
+        column = names.index("codec") if "codec" in names else 0
+        rows = []
+        for row, reason in zip(table.rows, found, strict=True):
+            rows.append([*row[:column], row[column] + STALE * bool(reason), *row[column + 1 :]])
+        yield replace(table, rows=rows, notes=[*table.notes, stale_note(dict.fromkeys(filter(None, found)))])
 
 
 def unfinished_table(run: Run) -> Table | None:
@@ -154,6 +105,17 @@ def _by_material(kind: str) -> "Maker":
         from reports import by_material  # it loads pandas
 
         return by_material.tables(run, rows, kind)
+
+    return tables
+
+
+def _summary(against: str) -> "Maker":
+    """A maker of the summary, which sets codecs `against` a row."""
+
+    def tables(run: Run, _: list[MaterialRows]) -> Iterable[Table | None]:
+        from reports.summary import summary_table  # it loads pandas
+
+        return [summary_table(run, against=against)]
 
     return tables
 

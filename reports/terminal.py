@@ -21,7 +21,7 @@ def terminal(run: Run) -> str:
     run_materials = materials(run)
     tables: list[Table | None] = [*all_tables(run, kind="budgets")]
     if len(run_materials) > 1:  # means over one would repeat its main table
-        tables.append(summary_table(run, intervals=False))
+        tables.append(summary_table(run, intervals=False, stale=False))
     for material in run_materials:
         for name in ("short", "detail", "scene"):
             tables += by_material.tables(run, [material], name, stale=False)

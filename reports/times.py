@@ -147,8 +147,7 @@ def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
     for timing in timings:
         milliseconds = timing["ns_per_sample"] / 1e6  # here a "sample" is one step
         rows.append([timing["label"], significant(milliseconds, 3)])
-    place = _conditions(run, timings[0]).partition(", fit step")[0]  # without execution, precision and batch
-    yield Table("times", f"Steps of fits: {place}", [("setting", ""), ("a step", "ms ↓")], rows, [])
+    yield Table("times", f"Steps of fits: {_place(run, timings[0])}", [("setting", ""), ("a step", "ms ↓")], rows, [])
 
 
 def _conditions(run: Run, timing: Timing, variant: str = "") -> str:
@@ -156,6 +155,11 @@ def _conditions(run: Run, timing: Timing, variant: str = "") -> str:
 
     `variant` stands in the place of its execution and precision, if given.
     """
+    return f"{_place(run, timing)}, {variant or _variant(timing)}, batches of {timing['batch']:,}"
+
+
+def _place(run: Run, timing: Timing) -> str:
+    """Where a timing was measured: “Xeon 8480C, 1 thread”."""
     starts = [start for start in run.starts if start.get("run", "") == timing["run"]]
     machine = starts[0].get("machine", Machine()) if starts else Machine()
     # The best name that is known: of the GPU, else of the processor, else the kind of the device, such as "cpu".
@@ -163,6 +167,4 @@ def _conditions(run: Run, timing: Timing, variant: str = "") -> str:
     threads = ""
     if not timing.get("gpu"):  # threads of the processor do not matter to a GPU's time
         threads = f", {timing['threads']} thread{'s' * (timing['threads'] > 1)}"
-    if not variant:
-        variant = _variant(timing)
-    return f"{place}{threads}, {variant}, batches of {timing['batch']:,}"
+    return f"{place}{threads}"

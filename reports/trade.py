@@ -84,7 +84,9 @@ def _choices(material: str, rows: Sequence[TradeChoice], sentences: list[str]) -
         for row, cells_of_row in zip(rows, cells, strict=True):
             cells_of_row += _noise_cells(row)
         notes += _noise_notes(rows)
-    return Table("trade", f"{material}: gains and losses of each setting", headers, cells, notes, material=material)
+    title = f"{material}: gains and losses of each setting"
+    jobs = [[row.get("job", "")] for row in rows]
+    return Table("trade", title, headers, cells, notes, material=material, jobs=jobs)
 
 
 def _noise_cells(row: TradeChoice) -> list[str]:
@@ -161,6 +163,7 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
         if is_eager_float32 and "psnr" in row:
             psnr_of_eager_float32[row["label"]] = row["psnr"]
     cells = []
+    jobs = []
     for row in rows:
         if "from_float32" in row:  # PSNR in dB, None without any difference
             worst = EXACT if row["from_float32"] is None else fixed(row["from_float32"], 1)
@@ -170,6 +173,7 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
                 gained = signed(cast(float, row["psnr"]) - eager_psnr)
             time = significant(row["ratio_to_floor"])
             cells.append([name_of_choice(row), time, worst, gained, fixed(row["flip"], 3)])
+            jobs.append([row.get("job", "")])
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."
@@ -177,7 +181,7 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
     title = f"{material}: stability of executions and precisions"
     headers = [("choice", ""), ("time", "× floor"), ("worst slice", "from float32, dB ↑")]
     headers += [("gained", "dB"), ("FLIP", "↓")]
-    return Table("trade", title, headers, cells, [note], material=material)
+    return Table("trade", title, headers, cells, [note], material=material, jobs=jobs)
 
 
 _CONDITION = ("part", "batch", "coherent", "footprint", "threads")  # fields that tell the rows of a profile apart

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from reports.numbers import EXACT, NONE, fixed, signed, significant
-from reports.table import BOLD, FEW, UNDERLINED, Table
+from reports.table import BOLD, FEW, STALE, UNDERLINED, Spread, Table, stale_note
 
-STALE = " †"  # after a codec whose records are of an older version than the installed one
 Row = Mapping[Hashable, Any]  # a row of the frame by column
 
 
@@ -82,39 +81,50 @@ def written(
 ) -> Table:
     """The table of cells, for the fields of `Table`, with its best and second best values marked.
 
-    A column `stale` of `values` says in words why the codec of a row, in the column `codec`, cannot be made again, or
-    "": such rows are marked, and a note says why.
+    A column `stale` of `values` says in words which codec of a row cannot be made again, and why, or "": such rows are
+    marked, and a note has these words.
     """
     rows = []
-    reasons: dict[str, str] = {}  # by codec, whatever its recipe
+    reasons: dict[str, None] = {}  # each once
     for row in values.to_dict("records"):
         cells = [column.cell(row) for column in columns]
         if row.get("stale"):
-            reasons[row["codec"].partition(" ")[0].rstrip(",")] = row["stale"]
+            reasons[row["stale"]] = None
             place = [column.field for column in columns].index("codec")
             cells[place] += STALE
         rows.append(cells)
     headers = [(column.name, column.unit) for column in columns]
     all_notes = [*notes]
     if reasons:
-        in_words = "; ".join(f"{codec}: {reason}" for codec, reason in reasons.items())
-        all_notes.append(f"†: stale, its numbers cannot be made again by the installed version: {in_words}.")
+        all_notes.append(stale_note(reasons))
     marks = {}
     for number, column in enumerate(columns):
         marks.update({(row, number): mark for row, mark in _marked(values, column).items()})
-    return Table(kind, title, headers, rows, all_notes, words, material, marks=marks, values=_named(values, columns))
+    return Table(
+        kind, title, headers, rows, all_notes, words, material, marks=marks, values=_named(values, columns, words)
+    )
 
 
-def _named(values: pd.DataFrame, columns: Sequence[Column]) -> pd.DataFrame:
-    """The values of a table by the headers of its columns; `attrs` has their units and better ends."""
-    named = values[[column.field for column in columns]].reset_index(drop=True)
-    headers = [column.name for column in columns]
-    below = [column.unit.rstrip(" ↑↓") for column in columns]
+def _named(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -> pd.DataFrame:
+    """The values of a table by the headers of its columns; `attrs` has their units and better ends.
+
+    A column with any number has floats: NaN where a word, such as “n/c”, or nothing stands in place of one.
+    """
+    headers = [str(column.name) for column in columns]
+    found = []
+    for place, column in enumerate(columns):  # by place, because two columns may have one field
+        own = values[column.field].reset_index(drop=True)
+        numbers = pd.to_numeric(own, errors="coerce").astype(float)
+        is_words = place < word_columns or (numbers.isna().all() and not own.isna().all())
+        found.append(own if is_words else numbers)
+    named = pd.concat(found, axis=1)
+    units = [column.unit.unit if isinstance(column.unit, Spread) else column.unit for column in columns]
+    below = [unit.rstrip(" ↑↓") for unit in units]
     # Where two columns have one name, what stands below tells them apart.
     names = [
         f"{name} {unit}".strip() if headers.count(name) > 1 else name for name, unit in zip(headers, below, strict=True)
     ]
-    named.columns = pd.Index(names)
+    named.columns = pd.Index(names, dtype=object)  # strings of pandas cannot hold every name
     better = [column.better or column.unit[-1:] for column in columns]
     ends = {"↑": "higher", "↓": "lower"}
     named.attrs["units"] = {name: unit for name, unit in zip(names, below, strict=True) if unit}
@@ -132,6 +142,8 @@ def _marked(values: pd.DataFrame, column: Column) -> dict[int, str]:
     if better not in ("↑", "↓"):
         return {}
     read = [nan if isinstance(value, str) else column.rounded(value) for value in values[column.field]]
+    if better == "↓" and not column.write:  # an infinite one reads “exact”, which is the best by any measure
+        read = [-inf if value == inf else value for value in read]
     if column.unranked:
         read = [nan if unranked else own for own, unranked in zip(read, values[column.unranked], strict=True)]
     best_first = sorted({value for value in read if not isnan(value)}, reverse=better == "↑")

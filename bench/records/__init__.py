@@ -28,6 +28,7 @@ from bench.records.meaning import (
     SCENE_HELDOUT,
     SSIM,
     VALIDATION,
+    PlannedJob,
     by_row,
     deciding_group,
     fitted_to_scene,
@@ -37,6 +38,7 @@ from bench.records.meaning import (
     kind_order,
     metrics_of,
     pictures_are_free,
+    planned_jobs,
     scored_unlike,
     shown_label,
 )

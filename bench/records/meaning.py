@@ -8,11 +8,11 @@ differ in the seed. Scores are of *groups* of pairs of view and light: `train`, 
 
 import json
 import math
-from collections.abc import Callable, Container, Iterable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from typing import Any, NamedTuple, TypeVar
 
 from bench.records.fields import field_names
-from bench.records.schema import APART, Job, ScoreKey, Statistics, Timing
+from bench.records.schema import APART, Job, RunStart, ScoreKey, Statistics, Timing
 
 PSNR, SSIM, FLIP, RMSE = "psnr_display", "ssim", "flip_ldr", "rmse_linear"  # families of metrics
 
@@ -45,6 +45,24 @@ def scored_unlike(key: ScoreKey, other: ScoreKey) -> list[str]:
     if not math.isclose(key.get("exposure", 0.0), other.get("exposure", 0.0), rel_tol=SAME_EXPOSURE):
         reasons.append("another exposure")
     return reasons
+
+
+class PlannedJob(NamedTuple):
+    """A job that a start of a run planned; `seed` is None if its name has none, so that it is of no job."""
+
+    name: str
+    material: str
+    codec: str
+    label: str
+    seed: int | None
+
+
+def planned_jobs(start: RunStart) -> Iterator[PlannedJob]:
+    """The jobs that a start planned before it fitted any, by their names `MATERIAL/LABEL/SEED`, all that it keeps."""
+    for name in start.get("jobs", []):
+        material, _, rest = name.partition("/")
+        label, _, seed = rest.rpartition("/")
+        yield PlannedJob(name, material, label.split(" ")[0], label, int(seed) if seed.isdecimal() else None)
 
 
 def shown_label(job: Job) -> str:

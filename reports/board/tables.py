@@ -188,8 +188,7 @@ def _at_budgets(source: Publication) -> Iterator[Comparison]:
                     bits = min(budget.most, 2 ** hull.sizes[-1])
                 else:
                     bits = rungs.frame["bits"].tolist()[picks[line]]
-                codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
-                candidates.append(Candidate(codec, Entry(line, round(bits * height * width / 8), psnr)))
+                candidates.append(Candidate(rungs.codecs[line], Entry(line, round(bits * height * width / 8), psnr)))
             yield Comparison(material, f"{source.name}, {in_words(budget)}", candidates)
 
 

@@ -114,8 +114,7 @@ def critical_differences(run: Run) -> Iterator[Figure]:
         drawing = new(9.6, 1.2 + 0.24 * count)
         axes = drawing.add_axes((0.24, 0.14, 0.72, 0.74))
         for row, (line, rank) in enumerate(ranking.mean.items()):
-            codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
-            look = styles.of_codec(codec) | {"linestyle": "none"}
+            look = styles.of_line(line) | {"linestyle": "none"}
             end = min(rank + ranking.critical, count)  # there is no rank beyond the last
             axes.plot([rank, end], [row, row], color="0.8", linewidth=5, solid_capstyle="butt", zorder=0)
             axes.plot(rank, row, **look, markersize=7)

@@ -17,7 +17,7 @@ RECORDS = [
     record("vq", "zero", order=0),
     record("vq", "fp16", figure="57 dB", order=2, group="networks"),
     record("vq", "reciprocity (reported)", figure="12%", order=3, group="invariants"),
-    record("ssim", "one texel", "n/a", "n/a", "reference is 1 × 1, and SSIM needs at least 11 × 11", 9, "pictures"),
+    record("ssim", "one texel", "n/a", "n/a", "reference is 1 × 1, but SSIM needs at least 11 × 11", 9, "pictures"),
     record("psnr", "one texel", order=9, group="pictures"),
 ]
 
@@ -41,7 +41,7 @@ def test_extremes_are_rows_in_the_catalogue_s_order_and_codecs_columns():
         "a: has no sine",
     ]
     assert of_pictures.rows == [["ssim", "n/a a"], ["psnr", "pass"]]
-    assert of_pictures.notes == ["a: SSIM needs at least 11 × 11"]
+    assert of_pictures.notes == ["a: reference is 1 × 1, but SSIM needs at least 11 × 11"]
 
 
 def test_a_run_shows_its_own_records(made):
