@@ -7,13 +7,11 @@ from bench.records.fields import field_names, kept, require, shown_columns
 from bench.records.lines import (
     FILE,
     STRESS,
-    TRADE,
     Records,
     Run,
     append,
     load_run,
     load_together,
-    load_trade,
     refuse_damaged,
     view,
 )
@@ -56,7 +54,6 @@ from bench.records.schema import (
     Machine,
     MetricFacts,
     Point,
-    Profile,
     Provenance,
     Record,
     RunStart,
@@ -66,6 +63,4 @@ from bench.records.schema import (
     Statistics,
     Stress,
     Timing,
-    Trade,
-    TradeChoice,
 )
