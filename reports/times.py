@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from bench.compare.choosing import usual_batch
-from bench.records import Machine, Run, Timing
+from bench.records import Machine, Run, Timing, conditions_in_words
 from reports.numbers import NONE, significant
 from reports.table import Table
 
@@ -152,17 +152,7 @@ def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
 
 
 def _conditions(run: Run, timing: Timing, variant: str = "") -> str:
-    """Where and how a timing was measured: “Xeon 8480C, 1 thread, eager float32, batches of 65,536”.
-
-    `variant` stands in the place of its execution and precision, if given.
-    """
+    """The conditions of a timing in words, with the name of the processor, which the start of its run has."""
     starts = [start for start in run.starts if start.get("run", "") == timing["run"]]
     machine = starts[0].get("machine", Machine()) if starts else Machine()
-    # The best name that is known: of the GPU, else of the processor, else the kind of the device, such as "cpu".
-    place = timing.get("gpu") or machine.get("processor") or timing["device"]
-    threads = ""
-    if not timing.get("gpu"):  # threads of the processor do not matter to a GPU's time
-        threads = f", {timing['threads']} thread{'s' * (timing['threads'] > 1)}"
-    if not variant:
-        variant = _variant(timing)
-    return f"{place}{threads}, {variant}, batches of {timing['batch']:,}"
+    return conditions_in_words(timing, str(machine.get("processor") or ""), variant)

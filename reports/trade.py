@@ -15,7 +15,7 @@ from operator import itemgetter
 from typing import Any, cast
 
 from bench.compare.choosing import answers, name_of_choice, on_front
-from bench.records import Run, Timing, grouped
+from bench.records import Run, Timing, conditions_in_words, grouped
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
 from reports.text import fields_csv
@@ -135,13 +135,13 @@ def _noise_notes(rows: Sequence[Timing]) -> Iterator[str]:
 
 def _conditions(rows: Sequence[Timing]) -> str:
     """A note on quality and times, with the conditions of the first choice that was timed."""
-    timed = next((row for row in rows if "batch" in row), None)
+    timed = next((row for row in rows if "ns_per_sample" in row), None)
     if timed is None:
         return "Nothing could be timed."
     return (
-        f"Quality: held-out pairs, from the file. Time: a whole query of {timed['batch']:,} random samples, in turns "
-        f"with all others, on {timed['device']}, threads: {timed['threads']}; eager, float32 unless a row says "
-        "otherwise. Floor: one bilinear fetch of a colour. Limit: by this machine's measured rates."
+        "Quality: held-out pairs, from the file. Time: a whole query of random samples, in turns with all others, on "
+        f"{conditions_in_words(timed, variant='eager float32 unless a row says otherwise')}. Floor: one bilinear "
+        "fetch of a colour. Limit: by this machine's measured rates."
     )
 
 

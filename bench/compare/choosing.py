@@ -232,11 +232,3 @@ def _decibels(value: float | None) -> str:
     if value >= MOST_DB:
         return "exact"
     return f"{value:.2f} dB"
-
-
-def timed_on(row: Timing) -> str:
-    """The device that a choice was timed on, in words: "the GPU's" or "the CPU's, 1 thread"."""
-    if is_gpu(row["device"]):
-        return "the GPU's"
-    threads = row.get("threads", 1)
-    return f"the CPU's, {threads} thread{'s' * (threads != 1)}"

@@ -27,6 +27,7 @@ from bench.records.meaning import (
     SSIM,
     VALIDATION,
     by_row,
+    conditions_in_words,
     deciding_group,
     fitted_to_scene,
     flattened,
@@ -37,6 +38,7 @@ from bench.records.meaning import (
     pictures_are_free,
     scored_unlike,
     shown_label,
+    timed_on,
 )
 from bench.records.schema import (
     ARTEFACT,

@@ -34,7 +34,6 @@ from bench.compare.choosing import (
     choice_in_words,
     longest_ns,
     nearest,
-    timed_on,
     usable_rungs,
 )
 from bench.data.kinds import kind_of
@@ -42,7 +41,7 @@ from bench.demand.demand import load as load_demand
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
 from bench.program.recording import program_of
-from bench.records import FILE, MOST_DB, PSNR, Timing, load_run
+from bench.records import FILE, MOST_DB, PSNR, Timing, load_run, timed_on
 from bench.runs.runner import Options
 from bench.runs.suite import Suite, canonical, load_suite, with_changes
 from bench.runs.trade import run_and_measure
@@ -173,7 +172,7 @@ def _say_cost(row: Timing, gpu_bytes: int | None) -> None:
     """Print the time of the chosen setting, and the bytes of its textures on a GPU."""
     on_a_gpu = f"{gpu_bytes:,} bytes of textures, as `export` writes them" if gpu_bytes else "not exported"
     longest = f"up to {longest_ns(row):,.0f} ns a sample by its 95 % interval"
-    print(f"time: {timed_on(row)}, {longest}; on a GPU: {on_a_gpu}")
+    print(f"time: on {timed_on(row)}, {longest}; on a GPU: {on_a_gpu}")
 
 
 def _gpu_bytes(folder: Path, name: str) -> int | None:
