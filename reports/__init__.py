@@ -98,7 +98,7 @@ def table_text(
     if choice:
         run = choice.of_run(run)
     if format == "raw":
-        return trade.choices_csv(run.folder) if kind == "trade" else results_csv(run)
+        return trade.choices_csv(run) if kind == "trade" else results_csv(run)
     if format == "text" and kind is None and not choice:
         return terminal(run)
     # A page of LaTeX is too narrow for all columns of a main table; a reader who picks columns decides that alone.

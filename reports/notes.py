@@ -19,6 +19,7 @@ from bench.records import (
     Machine,
     Run,
     RunStart,
+    conditions_in_words,
     deciding_group,
     grouped,
     planned_jobs,
@@ -168,9 +169,8 @@ def _timing(material: MaterialRows) -> Iterator[str]:
     if timing:
         fetch = "texture fetch included" if timing.get("texture_fetch") else "without the texture fetch"
         yield (
-            f"Time a sample: median of a batch of {timing.get('batch'):,}, {timing.get('dtype')}, "
-            f"{timing.get('threads')} CPU thread(s), {timing.get('device')}, {timing.get('execution')}, {fetch}; "
-            "floor: one bilinear fetch of a colour, timed before and after each codec in every turn."
+            f"Time a sample: median; {conditions_in_words(timing)}, {fetch}; floor: one "
+            "bilinear fetch of a colour, timed before and after each codec in every turn."
         )
     yield from one_texel_notes(timed_rows)
     if any(row.fused for row in material.measured):

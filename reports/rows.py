@@ -23,7 +23,6 @@ from bench.records import (
     Run,
     Statistics,
     Timing,
-    TradeChoice,
     deciding_group,
     fitted_to_scene,
     grouped,
@@ -47,7 +46,7 @@ class Row:
     label: str
     name: str
     timing: Timing | None = None
-    fused: TradeChoice | None = None  # its time with all of a query in one kernel, if `neubtf-bench trade` measured it
+    fused: Timing | None = None  # its time with all of a query in one kernel, if `neubtf-bench trade` measured it
     obstacle: str = ""  # of all its numbers
     timing_obstacle: str = ""  # of its time alone
 

@@ -127,7 +127,7 @@ _OF_KIND: dict[str, Maker] = {
     **{kind: _by_material(kind) for kind in BY_MATERIAL},
     "fits": lambda run, _: fit_tables(run),
     "times": lambda run, _: times_tables(run),
-    "trade": lambda run, _: [*trade_tables(run.folder), *variant_tables(run, "trade")],
+    "trade": lambda run, _: [*trade_tables(run), *variant_tables(run, "trade")],
     "paper": lambda run, _: [paper_table(run)],
     "parameters": lambda run, _: [parameters_table([cast(TimedJob, job) for job in run.jobs])],
     "ablation": lambda run, _: [ablation_table(run)],

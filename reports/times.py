@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from bench.compare.choosing import usual_batch
-from bench.records import Machine, Run, Timing
+from bench.records import Machine, Run, Timing, conditions_in_words, timed_on
 from reports.numbers import NONE, significant
 from reports.table import Table
 
@@ -147,24 +147,17 @@ def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
     for timing in timings:
         milliseconds = timing["ns_per_sample"] / 1e6  # here a "sample" is one step
         rows.append([timing["label"], significant(milliseconds, 3)])
-    yield Table("times", f"Steps of fits: {_place(run, timings[0])}", [("setting", ""), ("a step", "ms ↓")], rows, [])
+    place = timed_on(timings[0], _processor(run, timings[0]))
+    yield Table("times", f"Steps of fits: {place}", [("setting", ""), ("a step", "ms ↓")], rows, [])
 
 
 def _conditions(run: Run, timing: Timing, variant: str = "") -> str:
-    """Where and how a timing was measured: “Xeon 8480C, 1 thread, eager float32, batches of 65,536”.
-
-    `variant` stands in the place of its execution and precision, if given.
-    """
-    return f"{_place(run, timing)}, {variant or _variant(timing)}, batches of {timing['batch']:,}"
+    """The conditions of a timing in words; `variant` stands in the place of its execution and precision, if given."""
+    return conditions_in_words(timing, _processor(run, timing), variant)
 
 
-def _place(run: Run, timing: Timing) -> str:
-    """Where a timing was measured: “Xeon 8480C, 1 thread”."""
+def _processor(run: Run, timing: Timing) -> str:
+    """The name of the processor of a timing, which the start of its run has; empty if it is not known."""
     starts = [start for start in run.starts if start.get("run", "") == timing["run"]]
     machine = starts[0].get("machine", Machine()) if starts else Machine()
-    # The best name that is known: of the GPU, else of the processor, else the kind of the device, such as "cpu".
-    place = timing.get("gpu") or machine.get("processor") or timing["device"]
-    threads = ""
-    if not timing.get("gpu"):  # threads of the processor do not matter to a GPU's time
-        threads = f", {timing['threads']} thread{'s' * (timing['threads'] > 1)}"
-    return f"{place}{threads}"
+    return str(machine.get("processor") or "")

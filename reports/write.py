@@ -68,7 +68,7 @@ class _ReportFolder:
         """
         folder = self.folder / "tables"
         self.files.append(put(folder / "results.csv", results_csv(self.run).encode()))
-        choices = trade.choices_csv(self.folder)
+        choices = trade.choices_csv(self.run)
         if choices:  # "" if no trade was measured
             self.files.append(put(folder / "trade.csv", choices.encode()))
         for kind in KINDS:

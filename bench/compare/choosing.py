@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from bench.machine.devices import is_gpu
 from bench.metrics import stats_of
@@ -22,9 +22,7 @@ from bench.records import (
     Run,
     Statistics,
     Timing,
-    TradeChoice,
     deciding_group,
-    load_trade,
     view,
 )
 
@@ -120,7 +118,7 @@ def has_validation(job: Job) -> bool:
     return deciding_group(job["scores"]) == "heldout"
 
 
-def usable_rungs(choices: list[TradeChoice], material: str) -> list[Rung]:
+def usable_rungs(choices: list[Timing], material: str) -> list[Rung]:
     """The choices of a material that have scores of validation pairs, as rungs: sizes are in bytes, and times those of
     `longest_ns`."""
     rungs = []
@@ -134,7 +132,7 @@ def usable_rungs(choices: list[TradeChoice], material: str) -> list[Rung]:
     return rungs
 
 
-def longest_ns(row: TradeChoice) -> float:
+def longest_ns(row: Timing) -> float:
     """The upper end of the 95 % interval of a choice's time, in ns a sample: a choice fits a limit if this does.
 
     The stored interval is of the ratio of this time to that of a floor, which was timed beside it. So its upper end
@@ -145,16 +143,12 @@ def longest_ns(row: TradeChoice) -> float:
 
 
 @view
-def fused_times(run: Run) -> dict[str, TradeChoice]:
+def fused_times(run: Run) -> dict[str, Timing]:
     """By job: the choice of the run's trade that was timed as one fused kernel in float32, with its time."""
-    trade = load_trade(run.folder)
-    if trade is None:  # the run has no trade
-        return {}
     choice_of_job = {}
-    for row in trade["choices"]:
-        is_fused = (row["execution"], row["precision"]) == ("fused", "float32")
-        if is_fused and "job" in row and "ratio_to_floor" in row:
-            choice_of_job[row["job"]] = row
+    for row in run.choices:
+        if (row["execution"], row["dtype"]) == ("fused", "float32") and "ratio_to_floor" in row:
+            choice_of_job[row["of"]] = row
     return choice_of_job
 
 
@@ -181,7 +175,19 @@ def usual_batch(variants: Sequence[Timing]) -> int:
     return int(batch)
 
 
-def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
+def on_front(rows: Sequence[Timing], cost: Literal["ns_per_sample", "bytes"]) -> set[str]:
+    """The names of the choices, all with times and scores, that are on the Pareto front: no other has at least the PSNR
+    for at most the cost, and is better in one."""
+    places = {row["job"]: (-round(row["psnr"] or 0.0, 2), row[cost]) for row in rows}  # executions differ by rounding
+    best = set()
+    for name, place in places.items():
+        beaten = any(other[0] <= place[0] and other[1] <= place[1] and other != place for other in places.values())
+        if not beaten:
+            best.add(name)
+    return best
+
+
+def answers(material: str, choices: list[Timing]) -> Iterator[str]:
     """Sentences that name the best choice by validation pairs, and the fastest and the smallest one within `NEAR_DB` of
     it, with their figures."""
     rungs = usable_rungs(choices, material)
@@ -200,10 +206,10 @@ def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 
-def name_of_choice(row: TradeChoice) -> str:
+def name_of_choice(row: Timing) -> str:
     """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
     label = str(row["label"])
-    variant = f"{row['execution']} {row['precision']}"
+    variant = f"{row['execution']} {row['dtype']}"
     if row.get("emulated"):
         variant += ", emulated"
     if variant == "eager float32":
@@ -211,7 +217,7 @@ def name_of_choice(row: TradeChoice) -> str:
     return f"{label} [{variant}]"
 
 
-def choice_in_words(row: TradeChoice) -> str:
+def choice_in_words(row: Timing) -> str:
     """A choice with its figures, in words: first the PSNR that decides, then that of test pairs."""
     of_validation = _decibels(row["validation"]["mean"])
     of_test = _decibels(row["psnr"])
@@ -226,11 +232,3 @@ def _decibels(value: float | None) -> str:
     if value >= MOST_DB:
         return "exact"
     return f"{value:.2f} dB"
-
-
-def timed_on(row: TradeChoice) -> str:
-    """The device that a choice was timed on, in words: "the GPU's" or "the CPU's, 1 thread"."""
-    if is_gpu(row["device"]):
-        return "the GPU's"
-    threads = row.get("threads", 1)
-    return f"the CPU's, {threads} thread{'s' * (threads != 1)}"

@@ -40,7 +40,6 @@ from bench.records import (
     Run,
     RunStart,
     Timing,
-    TradeChoice,
     fitted_to_scene,
     flattened,
     kind_of,
@@ -213,17 +212,18 @@ def _times_of(run: Run, jobs: Sequence[Job]) -> dict[str, dict[str, float]]:
     """
     names = {job["job"] for job in jobs}
 
-    def upper(records: Iterable[Timing | TradeChoice]) -> dict[str, float]:
+    def upper(timing_of: Mapping[str, Timing]) -> dict[str, float]:
         """The upper end of the interval of each job's time."""
-        timed = [record for record in records if record["job"] in names and "ratio_interval95" in record]
-        return {record["job"]: float(record["ratio_interval95"][1]) for record in timed}
+        timed = {name: timing for name, timing in timing_of.items() if name in names and "ratio_interval95" in timing}
+        return {name: float(timing["ratio_interval95"][1]) for name, timing in timed.items()}
 
     of_settings = {}
     for job in jobs:
         timing = run.setting_timing(job)
         if timing and "ratio_interval95" in timing:
             of_settings[job["job"]] = float(timing["ratio_interval95"][1])
-    return {EAGER: of_settings or upper(run.timings), FUSED: upper(fused_times(run).values())}
+    of_jobs = {timing["job"]: timing for timing in run.timings}
+    return {EAGER: of_settings or upper(of_jobs), FUSED: upper(fused_times(run))}
 
 
 def _reasons(run: Run) -> dict[str, str]:

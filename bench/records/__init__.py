@@ -7,13 +7,11 @@ from bench.records.fields import field_names, kept, require, shown_columns
 from bench.records.lines import (
     FILE,
     STRESS,
-    TRADE,
     Records,
     Run,
     append,
     load_run,
     load_together,
-    load_trade,
     refuse_damaged,
     view,
 )
@@ -30,6 +28,7 @@ from bench.records.meaning import (
     VALIDATION,
     PlannedJob,
     by_row,
+    conditions_in_words,
     deciding_group,
     fitted_to_scene,
     flattened,
@@ -41,6 +40,7 @@ from bench.records.meaning import (
     planned_jobs,
     scored_unlike,
     shown_label,
+    timed_on,
 )
 from bench.records.schema import (
     ARTEFACT,
@@ -58,7 +58,6 @@ from bench.records.schema import (
     Machine,
     MetricFacts,
     Point,
-    Profile,
     Provenance,
     Record,
     RunStart,
@@ -68,6 +67,4 @@ from bench.records.schema import (
     Statistics,
     Stress,
     Timing,
-    Trade,
-    TradeChoice,
 )

@@ -26,7 +26,7 @@ from typing import (
 from typing_extensions import is_typeddict
 
 from bench.inputs.errors import InputError, shown
-from bench.records.schema import Job, Needed, RunStart, Shown, Stress, Timing, Trade, TradeChoice, Use
+from bench.records.schema import Job, Needed, RunStart, Shown, Stress, Timing, Use
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter, ValidationError
@@ -34,40 +34,40 @@ if TYPE_CHECKING:
 Kept = TypeVar("Kept", Job, RunStart, Timing, Stress)
 
 _RESULT_FIELDS = ("scores", "metrics", "bytes", "parameters")  # the fields of a job that has a result
-# The fields of a choice of a trade: of every one that was timed, and of those that have a file, too.
-_TIMED = ("ns_per_sample", "ratio_to_floor", "ratio_interval95", "batch", "threads")
-_SCORED = ("bytes", "psnr", "worst", "flip")
-_WITH_FILE = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", "smallest")
+# The fields of a time; of one that was measured in turns with the floor, for a trade; and of a choice with its quality.
+_TIME = ("ns_per_sample", "interval95_ns")
+_OF_TRADE = (*_TIME, "ratio_to_floor", "ratio_interval95", "batch", "threads")
+_SCORED = ("codec", "settings", "score_key", "bytes", "psnr", "worst", "flip")
 
 
 def fault(record: Mapping[str, Any]) -> str:
     """The first wrong field of a record, and what it must be; "" if all are right.
 
-    A job with a result needs its numbers, and one that failed its error.
+    A job with a result needs its numbers, and one that failed its error; a timing its time, but for choices of a trade.
     """
     described = FIELDS[record["kind"]]
     needed = field_names(Use.MUST, described)
     if described is Job:
         needed += _RESULT_FIELDS if record.get("status") == "ok" else ("error",)
+    if described is Timing:
+        needed += _needed_of_timing(record)
     return _missing(record, needed) or fault_of(described, record)
 
 
-def fault_of_trade(trade: Mapping[str, Any]) -> str:
-    """The first wrong or missing field of the measurements of `neubtf-bench trade`, in words; "" if all are right."""
-    wrong = _missing(trade, field_names(Use.MUST, Trade)) or fault_of(Trade, trade)
-    if wrong:
-        return wrong
-    for row in trade["choices"]:
-        needed: tuple[str, ...] = _TIMED
-        if "error" in row:
-            needed = _SCORED if "psnr" in row else ()  # some are scored, but their time cannot be measured
-        elif "bytes" in row:  # the floor, a bare network, has no file and so no bytes
-            needed = (*_TIMED, *_WITH_FILE)
-        place = f"choices/{row.get('label', ''):.60}"
-        wrong = _missing(row, (*field_names(Use.MUST, TradeChoice), *needed), place)
-        if wrong:
-            return wrong
-    return ""
+def _needed_of_timing(record: Mapping[str, Any]) -> tuple[str, ...]:
+    """The fields that a timing needs: a choice of a trade may have an error, or be scored and not yet timed."""
+    if "material" not in record:
+        return _TIME
+    if "part" in record:
+        return (*_OF_TRADE, "label", "coherent", "footprint")
+    needed: tuple[str, ...] = ("label", "execution", "dtype", "device")
+    if "of" not in record:  # the floor
+        return (*needed, *_OF_TRADE, "ceilings")
+    if "psnr" in record or "error" not in record:
+        needed += _SCORED
+    if "ns_per_sample" in record:
+        needed += (*_OF_TRADE, "limit_ns")
+    return needed
 
 
 def fault_of(described: type, value: Any) -> str:

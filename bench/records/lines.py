@@ -1,9 +1,9 @@
 """The records of a run: one JSON object per line, appended and synced as soon as it is known.
 
 `RUN/records.jsonl` holds four kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
-encoded, its bytes, its errors, or why it failed), `timing` (one codec timed in turns with the others of its material)
-and `stress` (one extreme tried on one codec or metric). Paths in records are relative to the run's folder. Imports
-neither PyTorch nor pandas.
+encoded, its bytes, its errors, or why it failed), `timing` (one codec, setting or choice of a trade, timed in turns
+with others) and `stress` (one extreme tried on one codec or metric). Paths in records are relative to the run's folder.
+Imports neither PyTorch nor pandas.
 
 A line begins with a checksum of the rest, so that cut or altered lines are detected, its kind, and, for jobs and
 timings, the job's name. A line without a checksum, written by hand, is valid too.
@@ -22,15 +22,13 @@ from typing import Any, TypeVar, cast, overload
 
 from bench.inputs.errors import InputError, writable
 from bench.records import fields
-from bench.records.schema import ARTEFACT, Job, Record, RunStart, Stress, Timing, Trade, setting_name
+from bench.records.schema import ARTEFACT, Job, Record, RunStart, ScoreKey, Stress, Timing, setting_name
 
 Found = TypeVar("Found")
 
 log = logging.getLogger(__name__)
 
 FILE = "records.jsonl"
-TRADE = "trade.json"  # beside the records: the measurements of `neubtf-bench trade`; see `bench.runs.trade`
-TRADE_FORMAT = 1
 STRESS = "stress"  # the folder that `neubtf-bench stress` writes to, beside those of runs
 
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
@@ -122,6 +120,33 @@ class Run:
         """The timing of a job's setting, apart from its surface; None if it was not measured."""
         cost = job.get("cost", {})
         return self.timings.latest(setting_name(job["label"], cost.get("flops_per_sample", 0)))
+
+    @property
+    def choices(self) -> list[Timing]:
+        """The choices that `neubtf-bench trade` timed, or why it did not, and the floor of each material and device."""
+        ended = (timing for timing in self._of_trade() if "ns_per_sample" in timing or "error" in timing)
+        return [timing for timing in ended if "part" not in timing]
+
+    @property
+    def profiles(self) -> list[Timing]:
+        """The times of parts and conditions that `neubtf-bench trade` measured."""
+        return [timing for timing in self._of_trade() if "part" in timing]
+
+    def _of_trade(self) -> list[Timing]:
+        """What a trade measured, without what is of jobs that are not here or whose files were fitted again since."""
+        current = []
+        for timing in self.timings:
+            job = self.job(timing["of"]) if "of" in timing else Job()
+            # A job that failed has no file, and neither has its choice.
+            if "material" in timing and job is not None and ("of" not in timing or _file_of(job) == _file_of(timing)):
+                current.append(timing)
+        materials = {timing["material"] for timing in current if "of" in timing}
+        return [timing for timing in current if timing["material"] in materials]  # no floor alone
+
+
+def _file_of(record: Job | Timing) -> str | None:
+    """The hash of the file that a record is of; None if there is none."""
+    return record.get("score_key", ScoreKey()).get("sha256")
 
 
 def view(function: Callable[..., Found]) -> Callable[..., Found]:
@@ -253,38 +278,6 @@ def _files_of(source: Path) -> list[Path]:
     if source.suffix == ".jsonl" or (source / FILE).is_file():
         return [source]
     return sorted(source.glob("*.jsonl")) or [source]
-
-
-def load_trade(folder: Path) -> Trade | None:
-    """Read the measurements of `neubtf-bench trade`; None if it was not run. `InputError` for an unreadable file.
-
-    Choices are left out if their codec files were fitted again since, and with them the profiles of their material. The
-    sentences under `answers` are those of all choices: `bench.compare.choosing.answers` makes those of what is left.
-    """
-    try:
-        trade: Trade = json.loads((folder / TRADE).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{folder / TRADE}: cannot be read ({error}): remove it, and run trade again") from error
-    if not isinstance(trade, dict) or trade.get("format") != TRADE_FORMAT:
-        raise InputError(f"{folder / TRADE}: it does not have format {TRADE_FORMAT}: remove it, and run trade again")
-    fault = fields.fault_of_trade(trade)
-    if fault:
-        raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
-    run = load_run(folder)
-    choices = []
-    outdated = set()  # materials that lost a choice
-    for row in trade["choices"]:
-        job = run.job(row.get("job", "")) or {}
-        recorded = job.get("score_key", {}).get("sha256")
-        # A failed choice and the floor name no file; the default makes them agree, so they stay.
-        if row.get("sha256", recorded) == recorded:
-            choices.append(row)
-        else:
-            outdated.add(row["material"])
-    profiles = [record for record in trade["profiles"] if record["material"] not in outdated]
-    return trade | {"choices": choices, "profiles": profiles}
 
 
 def _add_line(run: Run, text: bytes, place: str) -> bool:

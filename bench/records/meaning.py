@@ -127,6 +127,24 @@ def metrics_of(job: Job, group: str = "") -> dict[str, Statistics]:
     return scored["metrics"] if scored else {}
 
 
+def timed_on(timing: Timing, processor: str = "") -> str:
+    """Where a timing was measured: the name of a GPU, or “AMD EPYC, 1 thread”; without the processor's name its kind,
+    "cpu". Threads of the processor do not matter to a GPU's time."""
+    if timing.get("gpu"):
+        return timing["gpu"]
+    threads = timing.get("threads", 1)
+    return f"{processor or timing.get('device')}, {threads} thread{'s' * (threads != 1)}"
+
+
+def conditions_in_words(timing: Timing, processor: str = "", variant: str = "") -> str:
+    """Where and how a timing was measured: “AMD EPYC, 1 thread, eager float32, batches of 65,536”.
+
+    `variant` stands in the place of its execution and precision, if given.
+    """
+    variant = variant or f"{timing.get('execution')} {timing.get('dtype')}"
+    return f"{timed_on(timing, processor)}, {variant}, batches of {timing.get('batch', 0):,}"
+
+
 def flattened(job: Job, timing: Timing | None) -> dict[str, Any]:
     """Every number of a job and of its timing, by the path of its field: `bytes/total`, `timing/ns_per_sample`.
 

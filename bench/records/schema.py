@@ -294,14 +294,38 @@ class Job(Open, total=False):
     not_drawn: Text
 
 
+class Noise(Open):
+    """Samples and seconds until the noise in a scene is 1 %, by cosine and by lobes."""
+
+    scene: Text
+    samples: Annotated[list[NotNegative], Len(2, 2)]
+    seconds: Annotated[list[NotNegative], Len(2, 2)]
+
+
+class Ceiling(Open):
+    """The measured rates of computing and reading of a machine."""
+
+    device: Text
+    dtype: Text
+    threads: Count
+    flops_per_ns: Positive
+    bytes_per_ns: Positive
+
+
 class Timing(Open, total=False):
-    """One codec timed in turns with the others of its material; or, with a label, a setting apart from any surface."""
+    """A measured time of a sample, in turns with the floor: of a job's decoder, of a setting (it has `flops`), or of a
+    trade (it has a `material`).
+
+    A trade times *choices*: the file of the job `of` in an execution and a precision, with its quality. It may hold an
+    `error` in place of numbers. Other records of a trade are *profiles*: a `part` of a query, or a condition. Both also
+    exist of the floor, which is `of` no job.
+    """
 
     kind: Annotated[Text, PUBLISHED | APART]
-    job: Annotated[Text, PUBLISHED | APART]
+    job: Annotated[Text, PUBLISHED | APART]  # its name: that of a job, or one by `setting_name` or `trade_name`
     run: Annotated[Text, PUBLISHED | APART, MUST]
-    ns_per_sample: Annotated[Positive, PUBLISHED, MUST]
-    interval95_ns: Annotated[Pair, PUBLISHED, MUST]
+    ns_per_sample: Annotated[Positive, PUBLISHED]
+    interval95_ns: Annotated[Pair, PUBLISHED]
     iqr_ns: Annotated[Number, RESULTS]
     ratio_to_floor: Annotated[Positive, RESULTS]
     ratio_interval95: Annotated[Pair, RESULTS]
@@ -324,11 +348,41 @@ class Timing(Open, total=False):
     queries: Annotated[Text, PUBLISHED]
     texture_fetch: Annotated[bool, PUBLISHED]
     gpu: Annotated[Text, PUBLISHED]
+    # Of a trade: what was timed
+    material: Annotated[Name, RESULTS | APART]
+    of: Annotated[Text, RESULTS | APART]
+    codec: Annotated[Text, RESULTS | APART]
+    settings: Annotated[dict[str, Setting], RESULTS | APART]
+    score_key: Annotated[ScoreKey, RESULTS | APART]  # that of the job
+    bytes: Annotated[Count, RESULTS | APART]
+    parameters: Annotated[Count | None, RESULTS | APART]
+    emulated: Annotated[bool, RESULTS | APART]
+    error: Annotated[Text, RESULTS | APART]
+    # its quality: display PSNR in dB, of the mean and the worst slice, and against eager float32
+    psnr: Annotated[Number | None, RESULTS | APART]
+    worst: Annotated[Number | None, RESULTS | APART]
+    from_float32: Annotated[Number | None, RESULTS | APART]
+    flip: Annotated[Number | None, RESULTS | APART]
+    validation: Annotated[Statistics, RESULTS | APART]
+    noise: Annotated[Noise, RESULTS | APART]
+    noise_error: Annotated[Text, RESULTS | APART]
+    # of the floor of choices: the machine, and the variants that it only emulates and that were left out
+    ceilings: Annotated[list[Ceiling], RESULTS | APART]
+    left_out: Annotated[list[Text], RESULTS | APART]
+    # of a profile
+    part: Annotated[Text, RESULTS | APART]
+    coherent: Annotated[bool, RESULTS | APART]
+    footprint: Annotated[NotNegative, RESULTS | APART]
 
 
 def setting_name(label: str, flops: int) -> str:
     """The name of the timing of a setting whose files take so many operations a query."""
     return f"any surface/{label}/{flops} operations"
+
+
+def trade_name(of: str, device: str, *conditions: str) -> str:
+    """The name of what a trade timed on a device, under some conditions, in words: `of` is a job, or a floor."""
+    return "/".join((of, *conditions, device))
 
 
 class Stress(Open, total=False):
@@ -422,93 +476,3 @@ class SceneModel(Open):
     outside: Number | None  # dB, at pairs that the scene does not use
     held_out: Number | None  # dB, at held-out pairs that lie in the scene
     settings: dict[str, Setting]
-
-
-class Noise(Open):
-    """Samples and seconds until the noise in a scene is 1 %, by cosine and by lobes."""
-
-    scene: Text
-    samples: Annotated[list[NotNegative], Len(2, 2)]
-    seconds: Annotated[list[NotNegative], Len(2, 2)]
-
-
-class TradeChoice(Open, total=False):
-    """A codec with settings, execution and precision, as a trade measured it."""
-
-    material: Annotated[Name, MUST]
-    label: Annotated[Name, MUST]
-    execution: Annotated[Text, MUST]
-    precision: Annotated[Text, MUST]
-    device: Annotated[Text, MUST]
-    job: Text
-    codec: Text
-    error: Text
-    sha256: Text
-    noise: Noise
-    noise_error: Text
-    settings: dict[str, Setting]
-    interval95_ns: Pair
-    iqr_ns: Number
-    limit_ns: NotNegative
-    gpu: Text
-    psnr: Number | None
-    worst: Number | None
-    from_float32: Number | None
-    flip: Number | None
-    validation: Statistics
-    bytes: Count
-    parameters: Count | None
-    batch: Count
-    threads: Count
-    ns_per_sample: Positive
-    ratio_to_floor: Positive
-    ratio_interval95: Pair
-    ratio_least: Positive
-    floor_ns: Positive
-    of_limit: Number
-    fastest: bool
-    smallest: bool
-    emulated: bool
-
-
-class Profile(Open, total=False):
-    """The time of a part of a decoder."""
-
-    material: Required[Name]
-    name: Required[Name]
-    part: Required[Text]
-    batch: Required[Count]
-    coherent: Required[bool]
-    footprint: Required[NotNegative]
-    threads: Required[Count]
-    ns_per_sample: Required[Positive]
-    iqr_ns: Number
-    interval95_ns: Pair
-    ratio_to_floor: Positive
-    ratio_interval95: Pair
-    ratio_least: Positive
-    floor_ns: Positive
-    samples_ns: Free
-    gpu: Text
-
-
-class Ceiling(Open):
-    """The measured rates of computing and reading of a machine."""
-
-    device: Text
-    dtype: Text
-    threads: Count
-    flops_per_ns: Positive
-    bytes_per_ns: Positive
-
-
-class Trade(Open, total=False):
-    """The measurements of `neubtf-bench trade`."""
-
-    format: Count
-    suite: Text
-    choices: Annotated[list[TradeChoice], MUST]
-    profiles: Annotated[list[Profile], MUST]
-    ceilings: Annotated[list[Ceiling], MUST]
-    answers: Annotated[list[Text], MUST]
-    left_out: list[Text]

@@ -13,7 +13,6 @@ import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,7 +36,7 @@ from bench.runs.setting_times import decoded_settings, new_run, start_of, surfac
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.timing import Queries, native
 from bench.timing.execution import DTYPES, TOLERANCES, Variant, exists_on, is_whole, networks, prepared
-from bench.timing.profile import limit_ns, roofline
+from bench.timing.profile import least_ns, roofline
 
 log = logging.getLogger(__name__)
 
@@ -146,26 +145,27 @@ class _Measuring:
             name = f"{setting}/{variant}/{batch}"
             if name not in self.done:
                 missing[name] = variant
-        queries = Queries(batch).draw(material.size, self.device)
+        queries = Queries(batch)
         timed = self.compared(label, material, missing, queries)
         if not timed:
             return
-        calls = {name: partial(compared.ready.query, *queries) for name, compared in timed.items()}
-        measured = timing.in_turns(calls, batch, material.size, self.suite.threads, self.device, turns=TURNS)
+        materials = {name: compared.ready for name, compared in timed.items()}
+        measured = timing.time_materials(materials, self.suite.threads, queries, turns=TURNS)
         rows = []
         for name, (variant, ready, of_tolerance) in timed.items():
             row: Timing = {"kind": "timing", "job": name, "label": label, "flops": material.cost.flops_per_sample}
             row |= timing.conditions(self.suite.threads, str(self.device))
             row |= {"batch": batch, "execution": variant.execution, "dtype": variant.precision}
-            row |= {"of_tolerance": of_tolerance, "limit_ns": _limit(ready, variant, self.ceilings)}
+            row |= {"of_tolerance": of_tolerance, "limit_ns": least_ns(ready, variant.precision, self.ceilings)}
             row |= measured[name].summary()
             rows.append(row)
         self.record(rows)
 
     def compared(
-        self, label: str, material: Material, missing: dict[str, Variant], queries: tuple[torch.Tensor, ...]
+        self, label: str, material: Material, missing: dict[str, Variant], queries: Queries
     ) -> dict[str, "_Compared"]:
         """Each variant by name, prepared, compared with float64's answers and asked once, while there is time."""
+        batch = queries.draw(material.size, self.device)
         exact = copy.deepcopy(material).to(dtype=torch.float64)
         compared = {}
         for name, variant in missing.items():
@@ -177,7 +177,7 @@ class _Measuring:
             try:
                 ready = prepared(material, variant)
                 compared[name] = _Compared(variant, ready, difference_from_exact(ready, exact, variant.precision))
-                ready.query(*queries)
+                ready.query(*batch)
                 wait_for_gpu(self.device)
             except Exception as error:  # an error in one variant must not lose the times of the others
                 log.warning("%s, %s: not timed: %s", label, variant, " ".join(str(error).split())[:300])
@@ -280,15 +280,6 @@ def ceiling(device: torch.device, threads: int, precision: str) -> Ceiling:
         products.allow_tf32 = before
     measured["dtype"] = precision
     return measured
-
-
-def _limit(material: Material, variant: Variant, ceilings: list[Ceiling]) -> float:
-    """The fewest ns a sample that the measured ceilings allow in a variant's precision."""
-    dtype = DTYPES[variant.precision]
-    # `cost` counts bytes of float32, which has four.
-    cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * dtype.itemsize / 4))
-    usable = {"float32", variant.precision}  # short types may be widened where that is quicker
-    return min(limit_ns(cost, each) for each in ceilings if each["dtype"] in usable)
 
 
 def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progress) -> Iterator[Timing]:

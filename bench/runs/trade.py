@@ -3,31 +3,28 @@
 A *choice* is a codec file with an execution (eager, compiled or fused) and a precision; the two together are a variant.
 Variants do not change the file: all are scored and timed from the same one. An entry of the suite may be a *sweep* over
 the values of a setting; only the files of other entries are tried in several variants. *Ceilings* are the rates of
-arithmetic and memory that were measured on the device. The results go into `trade.json` beside the run's records, which
-is rewritten each time.
+arithmetic and memory that were measured on the device. The results are timings among the run's records: what has one is
+not measured again, and each choice has one without a time from when it is scored.
 """
 
-import json
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
 import numpy as np
 import torch
 
-from bench import timing
+from bench import records, timing
 from bench.codec import Progress, silent
 from bench.codecs.loading import load
-from bench.compare.choosing import answers, validation_of
+from bench.compare.choosing import validation_of
 from bench.data.spec import MaterialSpec
 from bench.demand.mitsuba.lobes import fitted
-from bench.files import atomic
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError, installed
-from bench.machine.devices import device_name, is_gpu
+from bench.machine.devices import is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.metrics import metric_of
@@ -36,6 +33,7 @@ from bench.metrics.display import display_error
 from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
 from bench.records import (
+    CONDITIONS,
     FILE,
     FLIP,
     PSNR,
@@ -43,23 +41,20 @@ from bench.records import (
     Ceiling,
     Job,
     Run,
-    Trade,
-    TradeChoice,
+    Timing,
     deciding_group,
+    load_run,
     metrics_of,
 )
-from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
+from bench.records.schema import trade_name
 from bench.runs import runner
 from bench.runs.estimate import duration
 from bench.runs.evaluation import Slices, material_of_job
-from bench.runs.provenance import machine
 from bench.runs.suite import CodecSpec, Suite, canonical
-from bench.runs.unfinished import Unfinished, forget
 from bench.runs.workbench import Opening, Workbench, open_workbench
 from bench.timing import Queries, native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
-from bench.timing.profile import ceiling_calls, limit_ns, profile, rates, roofline
-from bench.timing.turns import KeptTurns
+from bench.timing.profile import Condition, ceiling_calls, least_ns, profile, rates, roofline
 
 BATCH = 65_536  # whole chunks of every execution
 USUAL_NS = 1000.0  # of a query on a CPU, if no time is known: most codecs take 200 to 5,000
@@ -75,7 +70,7 @@ def run_and_measure(
     noise: bool = False,
     profiles: bool = True,
 ) -> list[str]:
-    """Run a suite, with `tell` called for each outcome, then score and time its choices into `trade.json`.
+    """Run a suite, with `tell` called for each outcome, then score and time its choices.
 
     Returns the status of each job: "ok", "failed" or "unavailable". For the options see `measure`.
     """
@@ -84,7 +79,6 @@ def run_and_measure(
         Variant.parse(variant)  # a wrong word stops here
     if noise:
         _path_tracer()  # and a missing Mitsuba
-    load_trade(options.folder)  # an unreadable file stops here
     states: list[str] = []
     folder = options.folder
     suite = canonical(suite)
@@ -98,10 +92,7 @@ def run_and_measure(
     if "ok" in states:
         run = load_run(options.folder)
         options.say(_announcement(suite, run, options.device))
-        for spec in suite.materials:  # written after each material
-            of_material = replace(suite, materials=(spec,))
-            result = measure(of_material, run, options.device, full, options.show, emulated, noise, profiles)
-            write(options.folder, merged(load_trade(options.folder), result))
+        measure(suite, run, options.device, full, options.show, emulated, noise, profiles)
     return states
 
 
@@ -114,73 +105,130 @@ def measure(
     emulated: bool = False,
     noise: bool = False,
     profiles: bool = True,
-) -> Trade:
-    """Score and time every choice of a finished run of a suite; returns the content of `trade.json`.
+) -> None:
+    """Score and time every choice of a finished run of a suite that is not measured yet; adds the timings to the run
+    and to its records.
 
     `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more; `emulated` also measures
     precisions that the processor only emulates; `noise` measures the noise of a path tracer with each file as material;
     without `profiles` the choices alone are timed, in a fraction of the time.
     """
     suite = canonical(suite)  # jobs are recorded under its names
-    target = torch.device(device)
-    cores = torch.get_num_threads()
     batches: tuple[int, ...] = BATCHES
     if full:
         batches = (*BATCHES, 1 << 20, 1 << 22)
-    measured_variants, left_out = _variants_on(suite, target, emulated)
-    suite = replace(suite, variants=tuple(measured_variants))
-    ceilings = _ceilings(suite, target, cores)
-    result: Trade = {  # `answers`, sentences that a reader wants first, come last
-        "format": TRADE_FORMAT,
-        "suite": suite.name,
-        "ceilings": ceilings,
-        "left_out": left_out,
-        "choices": [],
-        "profiles": [],
-    }
+    measured_variants, left_out = _variants_on(suite, torch.device(device), emulated)
+    trade = _Trade(replace(suite, variants=tuple(measured_variants)), run, device, left_out, show)
     for spec in suite.materials:
-        jobs = []  # those that have a file
-        for job in _jobs_of(run, suite, spec):
-            if job["status"] == "ok":
-                jobs.append(job)
-            else:
-                result["choices"].append(_failed_row(job, device))
-        if not jobs:
-            continue
-        with open_workbench(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), show) as workbench:
-            choices = _choices(workbench, jobs, suite, run, device, ceilings, show)
+        jobs = _jobs_of(run, suite, spec)
+        with_file = [job for job in jobs if job["status"] == "ok"]
+        for job in jobs:
+            if job not in with_file:
+                row = trade.row(job, Variant())
+                row["error"] = f"{job['status']}: {' '.join(job['error'].split())}"
+                trade.write(row)
+        _measure_choices(trade, spec, with_file)
         if noise:
-            for row in choices:
-                _add_noise(run, row, show)
-        result["choices"] += choices
+            for job in with_file:
+                _add_noise(trade, job)
         if profiles:
-            profiled = _materials_to_profile(suite, run, jobs, device)
-            if profiled:
-                result["profiles"] += profile(spec.name, profiled, cores, batches)
-    lines: list[str] = []
-    for spec in suite.materials:
-        lines += answers(spec.name, result["choices"])
-    result["answers"] = lines
-    return result
+            _measure_profiles(trade, spec, with_file, batches)
 
 
-def _materials_to_profile(suite: Suite, run: Run, jobs: list[Job], device: str) -> dict[str, Material]:
-    """By label, the material of each job whose entry of the suite is no sweep; of the first job, if all are sweeps.
+@dataclass(frozen=True)
+class _Trade:
+    """The choices of a suite's variants on a device, in a run."""
+
+    suite: Suite
+    run: Run
+    device: str
+    left_out: list[str]  # variants that the device only emulates, and that are not measured
+    show: Progress
+
+    def row(self, job: Job, variant: Variant) -> Timing:
+        """What is known of a choice before it is measured."""
+        row = self.bare_row(job["job"], job["material"], job["label"], variant)
+        row |= {"of": job["job"], "codec": job["codec"]}
+        if job["status"] == "ok":
+            row |= {"settings": job["settings"], "score_key": job["score_key"]}
+            row |= {"bytes": job["bytes"]["total"], "parameters": job["parameters"]}
+        if native.emulated(variant.precision, torch.device(self.device)):
+            row["emulated"] = True
+        return row
+
+    def bare_row(self, of: str, material: str, label: str, variant: Variant) -> Timing:
+        """The name and conditions of a choice or of the floor."""
+        row: Timing = {
+            "kind": "timing",
+            "job": trade_name(of, self.device, str(variant)),
+            "material": material,
+            "label": label,
+        }
+        row |= timing.conditions(self.suite.threads, self.device)
+        row |= {"batch": timing.batch_on(self.device, BATCH)}
+        row |= {"execution": variant.execution, "dtype": variant.precision}
+        return row
+
+    def known(self, row: Timing) -> Timing:
+        """What was measured of a choice before, of the same file and under the same conditions; else the row itself."""
+        before = self.run.timings.latest(row["job"])
+        same = ("score_key", "gpu", *CONDITIONS)
+        if before is None or "error" in before or any(before.get(name) != row.get(name) for name in same):
+            return row
+        return before
+
+    def write(self, row: Timing) -> None:
+        """Add a timing to the run and its records."""
+        starts = self.run.starts
+        of_run: Timing = {**row, "run": starts[-1].get("run", "") if starts else ""}
+        records.append(self.run.folder, of_run)
+        self.run.timings.put(row["job"], of_run)
+
+
+def _measure_profiles(trade: _Trade, spec: MaterialSpec, jobs: list[Job], batches: tuple[int, ...]) -> None:
+    """Time a material's codecs in each condition of a profile in which they were not timed yet."""
+    by_name = {job["job"]: job for job in jobs}
+    materials = _materials_to_profile(trade, jobs)
+    if not materials:
+        return
+    done = set()
+    for row in trade.run.profiles:
+        of = by_name.get(row.get("of", ""), Job())
+        if row["device"] == trade.device and row.get("score_key") == of.get("score_key"):
+            condition = Condition(row["part"], row["batch"], row["coherent"], row["footprint"], row["threads"])
+            done.add((of.get("job", timing.FLOOR), condition))
+    for name, condition, measured in profile(materials, torch.get_num_threads(), batches, done):
+        fields = asdict(condition)
+        row = {"kind": "timing", "material": spec.name}
+        if name in by_name:
+            row |= {"of": name, "label": by_name[name]["label"], "score_key": by_name[name]["score_key"]}
+        else:
+            name = f"{spec.name}/{name}"
+            row["label"] = timing.FLOOR
+        row["job"] = trade_name(name, trade.device, *map(str, fields.values()))
+        row |= timing.conditions(condition.threads, trade.device)
+        where = "one slice" if condition.coherent else "random uv and directions up to 75°"
+        row["queries"] = f"{where}, footprint {condition.footprint:g}"
+        trade.write(row | cast(Timing, fields) | measured.summary())
+
+
+def _materials_to_profile(trade: _Trade, jobs: list[Job]) -> dict[str, Material]:
+    """By name, the material of each job whose entry of the suite is no sweep; of the first job, if all are sweeps.
 
     None of them is one that another program decodes: its time cannot be measured.
     """
     materials = {}
     for job in jobs:
-        if _without_sweep(suite, job):
-            material = material_of_job(run.folder, job, device)
+        if _without_sweep(trade.suite, job):
+            material = material_of_job(trade.run.folder, job, trade.device)
             if not material.opaque:
-                materials[job["label"]] = material
+                materials[job["job"]] = material
     if materials:
         return materials
     for job in jobs:
-        material = material_of_job(run.folder, job, device)
+        material = material_of_job(trade.run.folder, job, trade.device)
         if not material.opaque:
-            return {job["label"]: material}
+            return {job["job"]: material}
     return {}
 
 
@@ -266,29 +314,6 @@ def _timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
     return entries
 
 
-def merged(earlier: Trade | None, result: Trade) -> Trade:
-    """A result, extended by the choices and profiles that only an earlier result holds.
-
-    A choice of the earlier result is dropped if the new one has its material, label and device; a profile, if the new
-    one has any of its material.
-    """
-    choices = result["choices"]
-    profiles = result["profiles"]
-    if earlier is not None:
-        scored = {(row["material"], row["label"], row["device"]) for row in choices}
-        other_choices = [
-            row for row in earlier["choices"] if (row["material"], row["label"], row["device"]) not in scored
-        ]
-        choices = [*other_choices, *choices]
-        profiled = {row["material"] for row in profiles}
-        other_profiles = [row for row in earlier["profiles"] if row["material"] not in profiled]
-        profiles = [*other_profiles, *profiles]
-    lines: list[str] = []
-    for name in dict.fromkeys(row["material"] for row in choices):
-        lines += answers(name, choices)
-    return {**result, "choices": choices, "profiles": profiles, "answers": lines}
-
-
 def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[Ceiling]:
     """Rooflines of the device: on the suite's threads (also in bfloat16 if a variant uses it), and on all cores."""
     ceilings = [roofline(device, threads) for threads in dict.fromkeys((suite.threads, cores))]
@@ -297,75 +322,57 @@ def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[Ceiling]:
     return ceilings
 
 
-def write(folder: Path, result: Trade) -> None:
-    """Store the result beside the records, atomically; removes what an unfinished measurement had kept for it."""
-    atomic.write(folder / TRADE, json.dumps(result, allow_nan=False).encode())
-    forget(folder)
-
-
-def _failed_row(job: Job, device: str) -> TradeChoice:
-    """A row with the error of a job that has no result."""
-    return {
-        "material": job["material"],
-        "label": job["label"],
-        "codec": job["codec"],
-        "device": device,
-        "execution": "eager",
-        "precision": "float32",
-        "error": f"{job['status']}: {' '.join(job['error'].split())}",
-    }
-
-
 def _without_sweep(suite: Suite, job: Job) -> bool:
     """Whether a job belongs to a codec entry without a sweep; such a job represents its codec."""
     return any(spec.label == job["label"] and not spec.swept for spec in suite.codecs)
 
 
-def _choices(
-    workbench: Workbench,
-    jobs: list[Job],
-    suite: Suite,
-    run: Run,
-    device: str,
-    ceilings: list[Ceiling],
-    show: Progress,
-) -> list[TradeChoice]:
-    """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front.
+def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None:
+    """Measure every choice of one material that was not timed yet: quality, bytes, and time in turns with the others.
 
-    First each file is scored in each variant, a row each; then all that could be are timed together, and the times join
-    the rows. The last row is the floor, one bilinear fetch of a colour; there is none if nothing could be timed. Keeps
-    what it measured in the run's folder, for the case that it is interrupted.
+    First each file is scored in each variant; then all that could be are timed together. The floor, one bilinear fetch
+    of a colour, has a timing, too.
     """
-    unfinished = Unfinished(run.folder)
-    rows: list[TradeChoice] = []
-    timed: dict[int, Material] = {}  # by the number of the row
+    missing: list[tuple[Job, Variant, Material]] = []
     for job in jobs:
-        material = material_of_job(run.folder, job, device)
-        if material.opaque:  # another program answers: its time would be that of exchanging files
-            rows.append(_row_without_time(run, job, device))
-            continue
-        for variant in (Variant(), *_variants(suite, job, material)):
-            row = _row(job, variant, device)
-            if native.emulated(variant.precision, material.device):
-                row["emulated"] = True
+        material = material_of_job(trade.run.folder, job, trade.device)
+        variants = [Variant()]
+        if not material.opaque:
+            variants += _variants(trade.suite, job, material)
+        for variant in variants:
+            if "ns_per_sample" not in trade.known(trade.row(job, variant)):
+                missing.append((job, variant, material))
+    if not missing:
+        return
+    timed: dict[str, Material] = {}  # by name of the choice
+    suite = trade.suite
+    with open_workbench(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), trade.show) as workbench:
+        for job, variant, material in missing:
+            row = trade.known(trade.row(job, variant))
             try:
                 ready = prepared(material, variant)  # the material in that execution and precision
-                if variant == Variant():  # eager float32, in which the run has scored the file
-                    row |= _figures_of_run(run, job)
+                if "psnr" not in row:
+                    row |= _figures_of(trade, workbench, job, variant, ready, material)
+                if material.opaque:  # another program answers: its time would be that of exchanging files
+                    row["error"] = "its time cannot be measured"
                 else:
-                    key = json.dumps([job["score_key"], variant.execution, variant.precision, device, suite.threads])
-                    score_variant = partial(_figures_of_variant, workbench, ready, material, suite.threads, show)
-                    row |= unfinished.figures_of(key, score_variant)
+                    timed[row["job"]] = ready
             except Exception as error:  # an error in one variant must not lose the figures of the others
                 row["error"] = _on_one_line(error)
-            else:
-                timed[len(rows)] = ready
-            rows.append(row)
-    if not timed:  # every row has an error: no time, and no floor that times are compared with
-        return rows
-    floor = _add_times(workbench.name, rows, timed, suite.threads, device, ceilings, unfinished, show)
-    _mark_fronts([row for row in rows if "error" not in row])
-    return [*rows, floor]
+            trade.write(row)
+    if timed:
+        _time_choices(trade, spec, timed)
+
+
+def _figures_of(
+    trade: _Trade, workbench: Workbench, job: Job, variant: Variant, ready: Material, plain: Material
+) -> Timing:
+    """The figures of a file in a variant: in eager float32 the run has scored it, in others it is scored now, and its
+    answers are compared with those of eager float32, `plain`."""
+    if variant == Variant():
+        return _figures_of_run(trade.run, job)
+    scores = _score(workbench, ready, trade.suite.threads, trade.show)
+    return scores | _deviation(workbench, ready, plain, trade.show)
 
 
 def _on_one_line(error: Exception) -> str:
@@ -376,35 +383,7 @@ def _on_one_line(error: Exception) -> str:
     return f"{type(error).__name__}: {words}"
 
 
-def _row(job: Job, variant: Variant, device: str) -> TradeChoice:
-    """What is known of a choice before it is measured."""
-    return {
-        "material": job["material"],
-        "job": job["job"],
-        "label": job["label"],
-        "codec": job["codec"],
-        "settings": job["settings"],
-        "execution": variant.execution,
-        "precision": variant.precision,
-        "bytes": job["bytes"]["total"],
-        "parameters": job["parameters"],
-        "device": device,
-        "sha256": job["score_key"]["sha256"],
-    }
-
-
-def _row_without_time(run: Run, job: Job, device: str) -> TradeChoice:
-    """The row of a file that another program decodes: its figures of quality, and why it has no time."""
-    row = _row(job, Variant(), device)
-    row["error"] = "its time cannot be measured"
-    try:
-        row |= _figures_of_run(run, job)
-    except Exception as error:  # the figures of others must not be lost
-        row["error"] = _on_one_line(error)
-    return row
-
-
-def _figures_of_run(run: Run, job: Job) -> TradeChoice:
+def _figures_of_run(run: Run, job: Job) -> Timing:
     """The figures of a file as the run scored it, from its record and the errors of its slices."""
     slices = read_arrays(run.folder / str(job["slices"]), MAX_FILE)
     squared_errors = slices[PSNR]
@@ -413,49 +392,25 @@ def _figures_of_run(run: Run, job: Job) -> TradeChoice:
     return _figures(job, squared_errors)
 
 
-def _add_times(
-    material_name: str,
-    rows: list[TradeChoice],
-    timed: dict[int, Material],
-    threads: int,
-    device: str,
-    ceilings: list[Ceiling],
-    unfinished: Unfinished,
-    show: Progress,
-) -> TradeChoice:
-    """Time materials in turns and add the times to their rows, of which `timed` gives the numbers; returns the
-    floor's."""
-    batch = timing.batch_on(device, BATCH)
-    conditions: TradeChoice = {"batch": batch, "threads": threads, "device": device}
-    if is_gpu(device):
-        conditions["gpu"] = device_name(device)
-    # Turns of an interrupted timing count again only if the same contestants were timed under the same conditions.
-    contestants = [[rows[i]["sha256"], rows[i]["execution"], rows[i]["precision"]] for i in timed]
-    kept_turns = unfinished.turns(json.dumps([material_name, conditions, machine(), contestants]))
+def _time_choices(trade: _Trade, spec: MaterialSpec, timed: dict[str, Material]) -> None:
+    """Time choices, given by name, in turns with each other and the floor, and write their timings."""
+    threads = trade.suite.threads
+    ceilings = _ceilings(trade.suite, torch.device(trade.device), torch.get_num_threads())
     of_these_threads = [ceiling for ceiling in ceilings if ceiling["threads"] == threads]
-    materials = {str(i): ready for i, ready in timed.items()}
-    measured = _time_in_turns(materials, of_these_threads, batch, show, kept_turns)
-    for i, ready in timed.items():
-        times = _times(measured[str(i)])
-        least = _limit(ready, ceilings)
-        rows[i] |= times | conditions
-        rows[i] |= {"limit_ns": least, "of_limit": least / times["ns_per_sample"]}
-    floor: TradeChoice = {
-        "material": material_name,
-        "label": timing.FLOOR,
-        "execution": "eager",
-        "precision": "float32",
-    }
-    return floor | conditions | _times(measured[timing.FLOOR])
-
-
-def _times(measured: timing.Timing) -> TradeChoice:
-    """The fields of a choice that its timing gives."""
-    return cast(TradeChoice, measured.summary())
+    batch = timing.batch_on(trade.device, BATCH)
+    measured = _time_in_turns(timed, of_these_threads, batch, trade.show)
+    for name, ready in timed.items():
+        row = trade.run.timings.latest(name)
+        assert row is not None  # it was written when it was scored
+        limit = least_ns(ready, row["dtype"], of_these_threads)
+        trade.write({**row, **measured[name].summary(), "limit_ns": limit})
+    floor = trade.bare_row(f"{spec.name}/{timing.FLOOR}", spec.name, timing.FLOOR, Variant())
+    floor |= {"ceilings": ceilings, "left_out": trade.left_out}
+    trade.write(floor | measured[timing.FLOOR].summary())
 
 
 def _time_in_turns(
-    materials: dict[str, Material], ceilings: list[Ceiling], batch: int, show: Progress, kept: KeptTurns
+    materials: dict[str, Material], ceilings: list[Ceiling], batch: int, show: Progress
 ) -> dict[str, timing.Timing]:
     """Time materials in turns with each other and with the ceilings, which rise where a turn reaches more."""
     first = next(iter(materials.values()))  # its size and device stand for those of all
@@ -467,7 +422,7 @@ def _time_in_turns(
         product_call, copy_call = ceiling_calls(first.device, getattr(torch, dtype))
         calls[f"product {dtype}"] = product_call
         calls[f"copy {dtype}"] = copy_call
-    measured = timing.in_turns(calls, batch, first.size, ceilings[0]["threads"], first.device, show, kept)
+    measured = timing.in_turns(calls, batch, first.size, ceilings[0]["threads"], first.device, show)
     for ceiling in ceilings:
         dtype = ceiling["dtype"]
         # `samples` are ns of a turn over the batch: times the batch, they are ns of the whole product or copy.
@@ -493,28 +448,7 @@ def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
     return [variant for variant in variants if is_whole(variant, material.device)]
 
 
-def _limit(material: Material, ceilings: list[Ceiling]) -> float:
-    """The machine's lower bound in ns per sample: short types read fewer bytes, and may multiply faster."""
-    # `cost` counts bytes of float32. A short type may be widened to float32, so the rates of both count.
-    share_of_bytes = material.dtype.itemsize / 4
-    cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * share_of_bytes))
-    usable = ("float32", str(material.dtype).removeprefix("torch."))
-    threads = ceilings[0]["threads"]
-    limits = []
-    for ceiling in ceilings:
-        if ceiling["threads"] == threads and ceiling["dtype"] in usable:
-            limits.append(limit_ns(cost, ceiling))
-    return min(limits)
-
-
-def _figures_of_variant(
-    workbench: Workbench, ours: Material, plain: Material, threads: int, show: Progress
-) -> TradeChoice:
-    """The figures of a material in another execution or precision, and how far it answers from eager float32."""
-    return _score(workbench, ours, threads, show) | _deviation(workbench, ours, plain, show)
-
-
-def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> TradeChoice:
+def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> Timing:
     """The figures of a material in another execution or precision, scored now at deciding and validation pairs."""
     groups = {deciding_group(workbench.groups): workbench.deciding}
     if VALIDATION in workbench.groups:
@@ -526,7 +460,7 @@ def _score(workbench: Workbench, material: Material, threads: int, show: Progres
     return _figures({"scores": summary}, scores.raw[PSNR][np.isin(scores.pairs, workbench.deciding)])
 
 
-def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Progress) -> TradeChoice:
+def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Progress) -> Timing:
     """`from_float32`: PSNR against the answers of eager float32, of the deciding slice that differs most; None if none
     differs.
     """
@@ -539,7 +473,7 @@ def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Prog
     return {"from_float32": as_number(float(decibels(max(errors))))}
 
 
-def _figures(job: Job, squared: np.ndarray) -> TradeChoice:
+def _figures(job: Job, squared: np.ndarray) -> Timing:
     """PSNR, FLIP and worst-slice PSNR of the deciding pairs, and PSNR of validation pairs, if a record has them.
 
     `squared` (n,) are the mean squared display errors of the deciding pairs.
@@ -549,7 +483,7 @@ def _figures(job: Job, squared: np.ndarray) -> TradeChoice:
     flip = None
     if flip_name:
         flip = metrics[flip_name]["mean"]
-    figures: TradeChoice = {
+    figures: Timing = {
         "psnr": metrics[PSNR]["mean"],
         "flip": flip,
         "worst": as_number(float(decibels(squared.max()))),
@@ -572,53 +506,27 @@ def _path_tracer() -> ModuleType:
     return noise
 
 
-def _add_noise(run: Run, row: TradeChoice, show: Progress) -> None:
-    """Add to a row the noise of a path tracer with its file as material, or why it was not measured.
+def _add_noise(trade: _Trade, job: Job) -> None:
+    """Add to the choice of a file in eager float32 the noise of a path tracer with it as material, or why it was not
+    measured.
 
-    Other executions and precisions have the same noise, and get none. Neither does the floor, which has no file.
+    Other executions and precisions have the same noise, and get none.
     """
-    is_eager_float32 = (row["execution"], row["precision"]) == (Variant().execution, Variant().precision)
-    if "sha256" not in row or not is_eager_float32:
+    row = trade.run.timings.latest(trade.row(job, Variant())["job"])
+    if row is None or "noise" in row:
         return
-    job = run.job(row["job"])
-    assert job is not None  # the choice is one of its file
     path_tracer = _path_tracer()
-    file = run.folder / job["file"]
+    file = trade.run.folder / job["file"]
     try:
-        lobes = fitted(load(file).material, show=show)
+        lobes = fitted(load(file).material, show=trade.show)
         noises = path_tracer.reached(file, [None, lobes])  # sampling by the cosine, and by the fitted lobes
     except (InputError, RuntimeError) as error:  # the second is Mitsuba's; keep the figures of other files
         row["noise_error"] = " ".join(str(error).split())
-        return
-    row["noise"] = {
-        "scene": path_tracer.EVEN,
-        "samples": [each.samples for each in noises],
-        "seconds": [each.seconds for each in noises],
-    }
-
-
-def _mark_fronts(rows: list[TradeChoice]) -> None:
-    """Mark each choice that is on a Pareto front: no other is at least as good and as cheap, and better in one."""
-    quality = [round(cast(float, row["psnr"]), 2) for row in rows]  # executions of one file differ by rounding
-    fastest = _on_front(quality, [row["ns_per_sample"] for row in rows])
-    smallest = _on_front(quality, [row["bytes"] for row in rows])
-    for row, is_fastest, is_smallest in zip(rows, fastest, smallest, strict=True):
-        row["fastest"] = is_fastest
-        row["smallest"] = is_smallest
-
-
-def _on_front(quality: Sequence[float], costs: Sequence[float]) -> list[bool]:
-    """Whether each place of quality and cost is on the Pareto front."""
-    places = list(zip(quality, costs, strict=True))
-    on_front = []
-    for place in places:
-        beaten = any(_beats(other, place) for other in places)
-        on_front.append(not beaten)
-    return on_front
-
-
-def _beats(other: tuple[float, float], place: tuple[float, float]) -> bool:
-    """Whether another place of quality and cost is at least as good and as cheap, and better in one."""
-    other_quality, other_cost = other
-    quality, cost = place
-    return other_quality >= quality and other_cost <= cost and other != place
+    else:
+        row.pop("noise_error", None)
+        row["noise"] = {
+            "scene": path_tracer.EVEN,
+            "samples": [each.samples for each in noises],
+            "seconds": [each.seconds for each in noises],
+        }
+    trade.write(row)

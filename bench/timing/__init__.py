@@ -31,7 +31,6 @@ from bench.directions.hemisphere import from_degrees, uniform
 from bench.machine.devices import device_name, is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material, sample_texture, texel_centres
-from bench.timing.turns import KeptTurns
 
 TURNS = 30
 BATCH = 16_384
@@ -157,11 +156,10 @@ def in_turns(
     threads: int,
     device: torch.device,
     show: Progress = silent,
-    kept: KeptTurns | None = None,
     turns: int = 0,
 ) -> dict[str, Timing]:
     """Time calls that each answer `batch` samples, each between two floors of `size`, in random order, in so many turns
-    (`TURNS` by default); with `kept`, turns survive an interruption."""
+    (`TURNS` by default)."""
     turns = turns or TURNS
     floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
     rng = np.random.default_rng(0)
@@ -170,20 +168,16 @@ def in_turns(
     samples = np.empty((turns, len(calls)))  # ns a call, in the order of `calls`
     floors = np.empty((turns, len(calls) + 1))  # before the first call of a turn and after each, in its own order
     ratios = np.empty_like(samples)
-    measured = {"samples": samples, "floors": floors, "ratios": ratios}
-    done = kept.read(measured) if kept else 0  # turns that an earlier process measured
     with torch_threads(threads):
         everyone: Iterator[Callable[[], Any]] = followed(show, [floor, *calls.values()], "warming up", len(calls) + 1)
         time_floor, *time_calls = [calibrated(call, device, clock) for call in everyone]  # each gives ns a call
-        for turn in followed(show, range(done, turns), "timing decoders", turns - done):
+        for turn in followed(show, range(turns), "timing decoders", turns):
             # In one turn: floor, call, floor, call, … floor. Each call is divided by the mean of the two around it.
             floors[turn, 0] = time_floor()
             for place, i in enumerate(orders[turn]):
                 samples[turn, i] = time_calls[i]()
                 floors[turn, place + 1] = time_floor()
                 ratios[turn, i] = samples[turn, i] / floors[turn, place : place + 2].mean()
-            if kept:
-                kept.write(measured, turn + 1)
     timing_of_floor = Timing(floors.mean(1) / batch, np.ones(turns))
     timings = {name: Timing(samples[:, i] / batch, ratios[:, i]) for i, name in enumerate(calls)}
     return {FLOOR: timing_of_floor} | timings

@@ -5,19 +5,19 @@ common condition is the whole query of `BATCH` random samples on one thread, on 
 machine multiplies and copies is the ceiling in every timing table.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Container, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
-from bench.records import Ceiling, Profile
-from bench.timing import BATCH, FLOOR, Queries, batch_on, calibrated, clock_of, hardware, in_turns
-from bench.timing.execution import networks
+from bench.records import Ceiling
+from bench.timing import BATCH, FLOOR, Queries, Timing, batch_on, calibrated, clock_of, in_turns
+from bench.timing.execution import DTYPES, networks
 
 BATCHES = (1, 64, 1024, BATCH, 1 << 18, 1 << 20, 1 << 22)
 FOOTPRINTS = (1, 2, 4, 8)  # in texels
@@ -54,25 +54,25 @@ def conditions(batches: tuple[int, ...], all_threads: int, batch: int = BATCH) -
 
 
 def profile(
-    surface: str, materials: dict[str, Material], all_threads: int, batches: tuple[int, ...] = BATCHES
-) -> Iterator[Profile]:
-    """One record for each condition and each codec, and for the floor: the condition, and the summary of its timing.
-
-    `surface` is the name of the material that the codecs' `materials` are decoded from.
-    """
+    materials: dict[str, Material],
+    all_threads: int,
+    batches: tuple[int, ...] = BATCHES,
+    done: Container[tuple[str, Condition]] = (),
+) -> Iterator[tuple[str, Condition, Timing]]:
+    """The timing of each material, given by name, in each condition that is not done, and of the floor."""
     first = next(iter(materials.values()))
     for condition in conditions(batches, all_threads, batch_on(first.device)):
-        calls = {name: _call(material, condition) for name, material in materials.items()}
+        missing = {name: material for name, material in materials.items() if (name, condition) not in done}
+        calls = {name: _call(material, condition) for name, material in missing.items()}
         # Without the codecs that lack the condition's part.
         existing = {name: call for name, call in calls.items() if call}
+        if not existing:
+            continue
         timed = in_turns(existing, condition.batch, first.size, condition.threads, first.device)
         for name, timing in timed.items():
             # The floor is always a whole query, so under another part its record would be mislabelled.
-            if name == FLOOR and condition.part != "query":
-                continue
-            record = {"material": surface, "name": name} | asdict(condition) | dict(timing.summary())
-            record |= {"samples_ns": timing.samples.tolist()} | dict(hardware(first.device))
-            yield cast(Profile, record)
+            if name != FLOOR or condition.part == "query":
+                yield name, condition, timing
 
 
 def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
@@ -144,6 +144,16 @@ def rates(product_ns: float, copy_ns: float, device: torch.device) -> tuple[floa
     operations = 2 * side**3  # a multiplication and an addition for each of side³ products
     moved = 2 * copied  # each byte is read and written
     return operations / product_ns, moved / copy_ns
+
+
+def least_ns(material: Material, precision: str, ceilings: list[Ceiling]) -> float:
+    """The fewest ns a sample that ceilings allow a material in a precision: short types read fewer bytes, and may
+    multiply faster."""
+    # `cost` counts bytes of float32, which has four.
+    share_of_bytes = DTYPES[precision].itemsize / 4
+    cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * share_of_bytes))
+    usable = {"float32", precision}  # a short type may be widened, where that is quicker
+    return min(limit_ns(cost, ceiling) for ceiling in ceilings if ceiling["dtype"] in usable)
 
 
 def limit_ns(cost: DecoderCost, ceiling: Ceiling) -> float:

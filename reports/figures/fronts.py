@@ -12,7 +12,8 @@ from typing import Any
 
 from matplotlib.ticker import NullLocator
 
-from bench.records import Run, TradeChoice, grouped, load_trade
+from bench.compare.choosing import on_front
+from bench.records import Run, Timing, grouped
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.fits import GOALS_DB
 from reports.front_plots import FAR_DB, Front, front_plots
@@ -58,9 +59,8 @@ def _drawn(front: Front, styles: Styles) -> Any:
 
 
 def trade_fronts(run: Run) -> Iterator[Figure]:
-    """One figure for each material whose choices were measured, from the file `trade.json` of the run's folder."""
-    trade = load_trade(run.folder)
-    choices = trade["choices"] if trade else []  # most runs have no trade
+    """One figure for each material whose choices were measured."""
+    choices = run.choices
     for material in dict.fromkeys(row["material"] for row in choices):
         # A choice without a PSNR, such as the floor, has no place on the axis of quality; one that failed has no time.
         rows = []
@@ -73,7 +73,7 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
                 yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
 
 
-def _fronts(material: str, rows: Sequence[TradeChoice], styles: Styles) -> Any:
+def _fronts(material: str, rows: Sequence[Timing], styles: Styles) -> Any:
     """PSNR over time and over bytes, a mark a choice. White marks are of another execution or precision than usual.
 
     `rows` are the choices on one material. Returns the drawing.
@@ -91,9 +91,9 @@ def _fronts(material: str, rows: Sequence[TradeChoice], styles: Styles) -> Any:
         handles += speed.plot([row["ns_per_sample"] for row in group], psnr, **look, markersize=6)
         if is_default:  # executions do not change bytes
             rate.plot([row["bytes"] for row in group], psnr, **look, markersize=6)
-    # The choices on each front, as the trade found them: no other is as good in less time, or in fewer bytes.
-    fastest = [(row["ns_per_sample"], row["psnr"]) for row in rows if row["fastest"]]
-    smallest = [(row["bytes"], row["psnr"]) for row in rows if row["smallest"]]
+    on_fronts = on_front(rows, "ns_per_sample"), on_front(rows, "bytes")
+    fastest = [(row["ns_per_sample"], row["psnr"]) for row in rows if row["job"] in on_fronts[0]]
+    smallest = [(row["bytes"], row["psnr"]) for row in rows if row["job"] in on_fronts[1]]
     _front(speed, fastest, "ns a sample (less is better)", "")
     _front(rate, smallest, "size of the file (less is better)", "B")
     speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
@@ -103,9 +103,9 @@ def _fronts(material: str, rows: Sequence[TradeChoice], styles: Styles) -> Any:
     return drawing
 
 
-def _how(row: TradeChoice) -> str:
+def _how(row: Timing) -> str:
     """The execution and precision of a row in words, "" for the default ones."""
-    how = row["execution"], row["precision"]
+    how = row["execution"], row["dtype"]
     return "" if how == ("eager", "float32") else f" [{' '.join(how)}]"
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from bench import cli
 from bench.inputs.errors import InputError
-from bench.records import FILE, Run, append, lines, load_run, load_trade, view
+from bench.records import FILE, Run, append, lines, load_run, view
 
 LEAST = {"material": "satin", "label": "pca", "seed": 0}
 DONE = LEAST | {"status": "ok", "scores": {}, "metrics": {}, "bytes": {"total": 1}, "parameters": 0}
@@ -104,21 +104,14 @@ def test_a_disk_that_fills_up_while_a_record_is_written_keeps_what_was_there(tmp
     assert [job["job"] for job in load_run(tmp_path).jobs] == ["x", "y"]
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"choices": []}', '{"format": 0, "choices": []}'])
-def test_a_trade_of_another_version_is_refused_with_the_remedy(tmp_path, text):
-    append(tmp_path, {"kind": "run", "run": "1"})
-    assert load_trade(tmp_path) is None
-    (tmp_path / "trade.json").write_text(text)
-    with pytest.raises(InputError, match=r"trade\.json: .*remove it, and run trade again"):
-        load_trade(tmp_path)
-
-
 def line(record):
     return json.dumps(record) + "\n"
 
 
 STRESS = {"kind": "stress", "subject": "pca", "extreme": "dark", "group": "data", "order": 0}
 STRESS |= {"detail": "", "figure": ""}
+FLOOR = {"material": "m", "label": "floor", "execution": "eager", "dtype": "float32", "device": "cpu"}
+CHOICE = {"kind": "timing", "job": "x/eager", "run": "1", "of": "x"} | FLOOR
 BAD = [
     (job("x", seed=True), "seed"),
     (job("x", label=" "), "label"),
@@ -136,6 +129,12 @@ BAD = [
     ({"kind": "job", "job": "x"}, "material is missing"),
     ({"kind": "job", "job": ["x"]} | DONE, "job must be a valid string"),
     (timing("x", 0), "ns_per_sample"),
+    ({"kind": "timing", "job": "x", "run": "1"}, "ns_per_sample is missing"),
+    (CHOICE, "codec is missing"),
+    (CHOICE | {"error": "why", "psnr": 30.0}, "codec is missing"),
+    (CHOICE | {"error": "why", "ns_per_sample": 1.0}, "interval95_ns is missing"),
+    (timing("x", 1) | FLOOR, "ratio_to_floor is missing"),
+    (timing("x", 1) | FLOOR | {"part": "query"}, "ratio_to_floor is missing"),
     ({"kind": "run", "seeds": 3}, "seeds"),
     ({"kind": "run", "packages": [1]}, "packages"),
     (STRESS | {"verdict": "perhaps"}, "verdict"),

@@ -9,7 +9,7 @@ from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
 from bench.runs.runner import timings_here
 from bench.timing import BATCH, FLOOR, TURNS, Queries, Timing, calibrated, in_turns, time_materials
-from bench.timing.profile import limit_ns, profile, roofline
+from bench.timing.profile import Condition, limit_ns, profile, roofline
 from bench.training.decoder import Architecture, Decoder
 
 
@@ -107,12 +107,20 @@ def test_a_profile_times_each_part_and_condition(monkeypatch):
     monkeypatch.setattr("bench.timing.SPAN_NS", 10_000)
     network = Sleeper(0.0)
     network.net = Decoder(Architecture(4, (4,)))
-    records = list(profile("surface", {"net": network, "table": Sleeper(0.0)}, 2, (1, 8)))
-    assert {r["part"] for r in records if r["name"] == "net"} == {"query", "evaluate", "decoder"}
-    assert {r["part"] for r in records if r["name"] == "table"} == {"query", "evaluate"}
-    assert {r["batch"] for r in records} == {1, 8, BATCH}
-    assert {(r["coherent"], r["threads"], r["footprint"]) for r in records} >= {(True, 1, 0.0), (False, 2, 0.0)}
-    assert any(r["name"] == FLOOR and r["batch"] == 1 for r in records)
+    materials = {"net": network, "table": Sleeper(0.0)}
+    found = [(name, condition) for name, condition, _ in profile(materials, 2, (1, 8))]
+    assert {condition.part for name, condition in found if name == "net"} == {"query", "evaluate", "decoder"}
+    assert {condition.part for name, condition in found if name == "table"} == {"query", "evaluate"}
+    assert {condition.batch for _, condition in found} == {1, 8, BATCH}
+    others = {(condition.coherent, condition.threads, condition.footprint) for _, condition in found}
+    assert others >= {(True, 1, 0.0), (False, 2, 0.0)}
+    assert (FLOOR, Condition(batch=1)) in found
+    one = ("net", Condition(batch=8))
+    left = [each for each in found if each != one]
+    assert [(name, condition) for name, condition, _ in profile(materials, 2, (1, 8), left)] == [
+        (FLOOR, Condition(batch=8)),
+        one,
+    ]
 
 
 def test_the_roofline_bounds_a_sample_by_arithmetic_or_by_reads():

@@ -242,8 +242,7 @@ def make_run(folder: Path) -> None:
         if "tables" not in name.parts and name.suffix in (".npz", ".json") and name.parts[0] != "files":
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
-    (folder / "records.jsonl").write_text("".join(map(sealed, found)))
-    (folder / "trade.json").write_text(json.dumps(trade(found)))
+    (folder / "records.jsonl").write_text("".join(map(sealed, [*found, *trade(found)])))
 
 
 def unsealed(record: dict[str, Any]) -> dict[str, Any]:
@@ -260,22 +259,22 @@ def sealed(record: Any) -> str:
     return f'{{"crc32": "{zlib.crc32(text.encode()):08x}", {text}\n'
 
 
-def trade(found: list[dict[str, Any]]) -> dict[str, Any]:
+def trade(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """What `neubtf-bench trade` would measure of a run."""
-    plain = {"material": "satin", "execution": "eager", "precision": "float32", "device": "cpu", "batch": 65536}
-    plain |= {"threads": 1, "ns_per_sample": 100.0, "ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]}
-    jobs = [record for record in found if record["kind"] == "job" and record["status"] == "ok"]
-    measured = {"worst": 20.0, "psnr": 30.0, "flip": 0.1, "bytes": 1000, "of_limit": 0.1}
-    measured |= {"fastest": True, "smallest": True}
-    choices = []
-    for job in jobs:
-        what = {key: job[key] for key in ("job", "label", "codec", "settings")}
-        choices.append(plain | what | measured | {"sha256": job["score_key"]["sha256"]})
-    profile = {"material": "satin", "name": "floor", "part": "query", "batch": 1, "coherent": False, "footprint": 0.0}
+    plain = {"kind": "timing", "run": found[0]["run"], "material": "satin", "execution": "eager", "dtype": "float32"}
+    plain |= {"device": "cpu", "batch": 65536, "threads": 1, "ns_per_sample": 100.0, "interval95_ns": [99.0, 101.0]}
+    plain |= {"ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]}
+    quality = {"worst": 20.0, "psnr": 30.0, "flip": 0.1, "bytes": 1000, "limit_ns": 10.0}
+    quality |= {"validation": {"mean": 30.0, "slices": 4}}
+    made = []
+    for job in found:
+        if job["kind"] == "job" and job["status"] == "ok":
+            what = {key: job[key] for key in ("label", "codec", "settings", "score_key")}
+            made.append(plain | quality | what | {"job": f"{job['job']}/eager float32/cpu", "of": job["job"]})
     ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
-    made = {"format": 1, "suite": "trade", "choices": [*choices, plain | {"label": "floor"}], "ceilings": [ceiling]}
-    profiles = [profile | {"threads": 1, "ns_per_sample": 50.0}]
-    return made | {"profiles": profiles, "answers": ["satin: the best is pca."], "left_out": []}
+    floor = plain | {"job": "satin/floor/eager float32/cpu", "label": "floor", "ceilings": [ceiling], "left_out": []}
+    profile = {"job": "satin/floor/query/cpu", "label": "floor", "part": "query", "coherent": False, "footprint": 0.0}
+    return [*made, floor, plain | profile]
 
 
 def attack_records(sample: Path, scratch: Path, rng: random.Random) -> Reading:
@@ -297,7 +296,11 @@ def attack_records(sample: Path, scratch: Path, rng: random.Random) -> Reading:
 
 def attack_trade(sample: Path, scratch: Path, rng: random.Random) -> Reading:
     folder = shutil.copytree(sample, scratch / "run")
-    spoil(folder / "trade.json", rng)
+    records = [json.loads(line) for line in (folder / "records.jsonl").read_text().splitlines()]
+    which = rng.choice([i for i, record in enumerate(records) if "material" in record and record["kind"] == "timing"])
+    records[which] = changed(records[which], rng)
+    text = "".join(map(sealed, records)).encode("utf-8", "surrogatepass")
+    (folder / "records.jsonl").write_bytes(text)
     return partial(read_trade, folder, rng.random())
 
 
@@ -331,7 +334,7 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
 def read_trade(folder: Path, share: float) -> None:
     """Whatever a user may ask of a run's trade."""
     from bench.compare.choosing import Limits, answers, best_rung, choice_in_words, nearest, usable_rungs
-    from bench.records import load_trade
+    from bench.records import load_run
     from reports import table_text, write_report
 
     if share < 0.03:
@@ -339,12 +342,12 @@ def read_trade(folder: Path, share: float) -> None:
     elif share < 0.5:
         for form in ("text", "markdown", "latex", "csv"):
             table_text(folder, form, "trade")
-    elif found := load_trade(folder):
-        rungs = usable_rungs(found["choices"], "satin")
+    elif found := load_run(folder).choices:
+        rungs = usable_rungs(found, "satin")
         limits = Limits(500_000, 90.0, 25.0)
         if rungs:
             choice_in_words((best_rung(rungs, limits) or nearest(rungs, limits)).of)
-        list(answers("satin", found["choices"]))
+        list(answers("satin", found))
 
 
 @cache

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from bench.records import MOST_DB, append
-from bench.records.lines import TRADE_FORMAT
 from tests.reports.browser import chromium
 
 METRICS = {
@@ -61,17 +60,20 @@ class RunMaker:
         return self
 
     def trade(self, *labels, material="satin"):
-        row = {"material": material, "execution": "eager", "precision": "float32", "device": "cpu", "settings": {}}
-        row |= {"ns_per_sample": 100.0, "ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]}
-        row |= {"batch": 65536, "threads": 1}
-        choice = row | {"codec": "pca", "psnr": 30.0, "worst": 25.0, "flip": 0.1, "bytes": 1000, "of_limit": 0.1}
-        choices = [choice | {"label": label, "fastest": True, "smallest": False} for label in labels]
-        profile = {"material": material, "name": "floor", "part": "query", "batch": 1, "coherent": False}
-        profile |= {"footprint": 0.0, "threads": 1, "ns_per_sample": 50.0}
+        """A choice of the job of each label, the floor, and a profile."""
+        row = {"kind": "timing", "run": "1", "material": material, "execution": "eager", "dtype": "float32"}
+        row |= {"device": "cpu", "ns_per_sample": 100.0, "interval95_ns": [99.0, 101.0], "ratio_to_floor": 2.0}
+        row |= {"ratio_interval95": [1.9, 2.1], "batch": 65536, "threads": 1}
+        choice = row | {"codec": "pca", "psnr": 30.0, "worst": 25.0, "flip": 0.1, "bytes": 1000, "limit_ns": 10.0}
+        choice |= {"settings": {}, "score_key": {"sha256": "0"}}
+        for label in labels:
+            of = f"{material}/{label}/0"
+            append(self.folder, choice | {"job": f"{of}/eager float32/cpu", "of": of, "label": label})
         ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
-        found = {"format": TRADE_FORMAT, "choices": [*choices, row | {"label": "floor"}], "profiles": [profile]}
-        found |= {"ceilings": [ceiling], "answers": [f"{material}: the best is {labels[0]}."]}
-        (self.folder / "trade.json").write_text(json.dumps(found))
+        floor = row | {"job": f"{material}/floor/eager float32/cpu", "label": "floor", "ceilings": [ceiling]}
+        append(self.folder, floor)
+        profile = row | {"part": "query", "batch": 1, "coherent": False, "footprint": 0.0, "label": "floor"}
+        append(self.folder, profile | {"job": f"{material}/floor/query/cpu"})
         return self
 
     def _group(self, psnr):

@@ -37,7 +37,7 @@ def test_every_row_has_as_many_cells_as_the_table_has_columns(made):
 def test_every_table_fits_an_article(made, tmp_path, options):
     long = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
     made.job(long).job("100%_{a}&b", seed=1, psnr=100.0).unfinished("failed", "ValueError: $ # " + "no luck " * 30)
-    text = table_text(made.timing(long).trade("pca").folder, "latex")
+    text = table_text(made.timing(long).trade(long).folder, "latex")
     head = rf"\documentclass[{options}]{{article}}\usepackage{{booktabs,graphicx}}\begin{{document}}"
     (tmp_path / "a.tex").write_text(f"{head}\n{text}\n\\end{{document}}\n")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "a.tex"]

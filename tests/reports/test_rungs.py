@@ -1,14 +1,11 @@
 """The rungs of a run: their choice within budgets, the curves that they make, and what is read off these."""
 
-import json
-
 import numpy as np
 import pytest
 
 from bench.compare.frame import EAGER, FUSED, line_of, setting_of
 from bench.compare.statistics import Curve, bd_psnr
-from bench.records import FLIP, MOST_DB, PSNR, TRADE, append, load_run
-from bench.records.lines import TRADE_FORMAT
+from bench.records import FLIP, MOST_DB, PSNR, append, load_run
 from reports.front import mean_ranks, when_table
 from reports.rungs import BYTES, DRAWS, Budget, Hull, _drawn, _weights, rungs_of, summarised
 
@@ -121,12 +118,20 @@ def test_a_rung_fits_a_time_if_the_upper_end_of_its_interval_does(tmp_path):
 
 
 def test_fused_times_have_budgets_of_their_own(tmp_path):
-    run = run_of(tmp_path / "run", job("a", 10, 30.0), timing("satin/a/0", 9.0))
-    fused = {"material": "satin", "label": "a", "job": "satin/a/0", "execution": "fused", "precision": "float32"}
-    fused |= {"device": "cpu", "batch": 1, "threads": 1, "ns_per_sample": 1.0}
-    fused |= {"ratio_to_floor": 2.8, "ratio_interval95": [2.5, 3.0]}
-    trade = {"format": TRADE_FORMAT, "choices": [fused], "profiles": [], "ceilings": [], "answers": []}
-    (run.folder / TRADE).write_text(json.dumps(trade))
+    quality = {
+        "codec": "a",
+        "settings": {},
+        "score_key": {"sha256": "0"},
+        "psnr": 20.0,
+        "worst": 9.0,
+        "flip": 0.1,
+        "bytes": 10,
+        "limit_ns": 0.1,
+    }
+    of = {"material": "satin", "label": "a", "of": "satin/a/0", "execution": "fused", "threads": 1}
+    fused = timing("satin/a/0/fused", 2.8, ratio_interval95=[2.5, 3.0], **of, **quality)
+    fused |= {"dtype": "float32", "device": "cpu", "batch": 1}
+    run = run_of(tmp_path / "run", job("a", 10, 30.0), timing("satin/a/0", 9.0), fused)
     assert (picks(run, Budget(FUSED, 4)), picks(run, Budget(EAGER, 8))) == ({"a": "default"}, {})
 
 

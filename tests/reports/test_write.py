@@ -14,7 +14,7 @@ def contents(folder):
 
 
 def test_a_report_is_tables_figures_and_a_page(made):
-    written = write_report(made.job().job("vq").timing().trade("pca").folder)
+    written = write_report(made.job().job("vq").timing().trade("vq").folder)
     names = {str(path.relative_to(made.folder)) for path in written.files}
     assert {"tables/main.md", "tables/main.tex", "tables/results.csv", "tables/trade.csv", "report.html"} <= names
     kinds = ("contact", "rate", "speed", "angles", "polar", "abrdf", "fits", "trade", "footprints", "significance")
@@ -43,12 +43,11 @@ def test_a_run_without_a_result_says_so(made):
 
 
 def test_figures_and_choices_of_an_earlier_report_go(made):
-    write_report(made.job().job("vq").timing().trade("pca").folder)
+    write_report(made.job().job("vq").timing().trade("vq").folder)
     before = {path.name for path in made.folder.glob("figures/*")}
     assert {name.partition("-")[0] for name in before} <= figures.ALL.keys()
     (made.folder / "figures" / "mine.png").write_bytes(b"")
-    for name in ("records.jsonl", "trade.json"):
-        (made.folder / name).unlink()
+    (made.folder / "records.jsonl").unlink()
     written = write_report(made.start().job().folder)
     drawn = {path.name for path in written.files if path.parent.name == "figures"}
     assert drawn < before

@@ -34,7 +34,6 @@ from bench.compare.choosing import (
     choice_in_words,
     longest_ns,
     nearest,
-    timed_on,
     usable_rungs,
 )
 from bench.data.kinds import kind_of
@@ -42,7 +41,7 @@ from bench.demand.demand import load as load_demand
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
 from bench.program.recording import program_of
-from bench.records import FILE, MOST_DB, PSNR, TradeChoice, load_run, load_trade
+from bench.records import FILE, MOST_DB, PSNR, Timing, load_run, timed_on
 from bench.runs.runner import Options
 from bench.runs.suite import Suite, canonical, load_suite, with_changes
 from bench.runs.trade import run_and_measure
@@ -141,14 +140,16 @@ def _frames_in_words(rung: "Rung", options: argparse.Namespace) -> str:
     return f", {rung.score:.2f} dB in the frames of {options.scene}" if options.scene else ""
 
 
-def _fields(folder: Path, row: "TradeChoice") -> dict[str, Any]:
+def _fields(folder: Path, row: Timing) -> dict[str, Any]:
     """What a measured setting is: its names, settings, costs and scores, and its file."""
-    job = load_run(folder).job(row.get("job", ""))
+    job = load_run(folder).job(row["of"])
     file = job.get("file") if job else None
-    names = ("material", "label", "codec", "settings", "execution", "precision", "device", "threads", "sha256")
+    names = ("material", "label", "codec", "settings", "execution", "device", "threads")
     return {name: row.get(name) for name in names} | {
+        "precision": row["dtype"],
+        "sha256": row["score_key"]["sha256"],
         "bytes": row["bytes"],
-        "gpu_bytes": _gpu_bytes(folder, row.get("job", "")),
+        "gpu_bytes": _gpu_bytes(folder, row["of"]),
         "ns_per_sample": row["ns_per_sample"],
         "longest_ns": longest_ns(row),
         "psnr": {"validation": row["validation"]["mean"], "test": row["psnr"]},
@@ -167,11 +168,11 @@ def _say_other(folder: Path, options: argparse.Namespace, wishes: Limits) -> Non
         say_line(f"without --codec: {choice_in_words(best.of)}")
 
 
-def _say_cost(row: "TradeChoice", gpu_bytes: int | None) -> None:
+def _say_cost(row: Timing, gpu_bytes: int | None) -> None:
     """Print the time of the chosen setting, and the bytes of its textures on a GPU."""
     on_a_gpu = f"{gpu_bytes:,} bytes of textures, as `export` writes them" if gpu_bytes else "not exported"
     longest = f"up to {longest_ns(row):,.0f} ns a sample by its 95 % interval"
-    print(f"time: {timed_on(row)}, {longest}; on a GPU: {on_a_gpu}")
+    print(f"time: on {timed_on(row)}, {longest}; on a GPU: {on_a_gpu}")
 
 
 def _gpu_bytes(folder: Path, name: str) -> int | None:
@@ -189,9 +190,9 @@ def _gpu_bytes(folder: Path, name: str) -> int | None:
         return None
 
 
-def _offer(folder: Path, row: "TradeChoice", copy: Path | None) -> None:
+def _offer(folder: Path, row: Timing, copy: Path | None) -> None:
     """Print where the chosen file is, and copy it with the network that it needs."""
-    job = load_run(folder).job(row.get("job", ""))
+    job = load_run(folder).job(row["of"])
     if job is None or "file" not in job:
         return
     file = folder / job["file"]
@@ -201,7 +202,7 @@ def _offer(folder: Path, row: "TradeChoice", copy: Path | None) -> None:
         if copy:
             raise
         return
-    if header.sha256 != row["sha256"]:
+    if header.sha256 != row["score_key"]["sha256"]:
         raise InputError(f"{file}: not the file that was chosen: give another --out, and it is fitted there again")
     say_line(f"file: {file}, sha256 {header.sha256}")
     if not copy:
@@ -213,7 +214,7 @@ def _offer(folder: Path, row: "TradeChoice", copy: Path | None) -> None:
     say_line(f"wrote {copy}")
 
 
-def _command(suite: "Suite", row: "TradeChoice", device: str) -> str:
+def _command(suite: "Suite", row: Timing, device: str) -> str:
     """The command that makes the chosen file again, byte for byte; "" where only a run can make it."""
     spec = suite.materials[0]
     data = suite.data
@@ -268,9 +269,8 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
     """
     codecs = {codec.codec for codec in suite.codecs}
     material = suite.materials[0].name
-    trade = load_trade(folder)
     rows = []
-    for row in trade["choices"] if trade else []:
+    for row in load_run(folder).choices if (folder / FILE).exists() else []:
         of_material = (row["material"], row["device"]) == (material, options.device)
         if of_material and row.get("codec") in codecs:
             rows.append(row)
@@ -281,9 +281,9 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
         rungs = _by_frames(folder, rungs, load_demand(suite.demand).fingerprint)
         tried &= {row["label"] for row in rows if "error" in row} | {rung.of["label"] for rung in rungs}
     if options.max_gpu_bytes:
-        jobs = {rung.of.get("job", "") for rung in rungs}
+        jobs = {rung.of["of"] for rung in rungs}
         gpu_bytes_of = {job: _gpu_bytes(folder, job) for job in jobs}
-        rungs = [replace(rung, gpu=gpu_bytes_of[rung.of.get("job", "")]) for rung in rungs]
+        rungs = [replace(rung, gpu=gpu_bytes_of[rung.of["of"]]) for rung in rungs]
     return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
@@ -293,7 +293,7 @@ def _by_frames(folder: Path, rungs: list["Rung"], demand: str) -> list["Rung"]:
     found: list[Rung] = []
     run = load_run(folder) if rungs else None
     for rung in rungs:
-        job = run.job(rung.of.get("job", "")) if run else None
+        job = run.job(rung.of["of"]) if run else None
         if job and job["score_key"].get("demand") == demand:
             psnr = job["scene"]["metrics"].get(PSNR)
             found.append(replace(rung, score=MOST_DB if psnr is None else psnr))  # None: there is no error

@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +6,7 @@ import pytest
 import bench
 from bench.codecs.registry import current_versions
 from bench.compare.frame import EAGER, frame_of
-from bench.records import TRADE, append, load_run, load_together
-from bench.records.lines import TRADE_FORMAT
+from bench.records import append, load_run, load_together
 from bench.records.schema import setting_name
 from reports.front import front_table
 from reports.numbers import fixed, signed, significant
@@ -116,12 +114,19 @@ def test_times_are_those_of_settings_where_there_are_any_and_otherwise_of_surfac
 
 
 def test_times_of_one_kernel_and_of_a_gpu_have_columns(write):
-    folder = write(job("a"), job("a", "wool"), job("b"))
-    fused = {"material": "satin", "label": "a", "job": "satin/a/0", "execution": "fused", "precision": "float32"}
-    fused |= {"device": "cpu", "ns_per_sample": 1.0, "ratio_to_floor": 2.0, "ratio_interval95": [1.0, 3.0]}
-    fused |= {"batch": 1, "threads": 1}
-    trade = {"format": TRADE_FORMAT, "choices": [fused], "profiles": [], "ceilings": [], "answers": []}
-    (folder / TRADE).write_text(json.dumps(trade))
+    quality = {
+        "codec": "a",
+        "settings": {},
+        "score_key": {},
+        "psnr": 20.0,
+        "worst": 9.0,
+        "flip": 0.1,
+        "bytes": 10,
+        "limit_ns": 0.1,
+    }
+    what = {"material": "satin", "label": "a", "of": "satin/a/0", "execution": "fused", "threads": 1}
+    fused = timing("satin/a/0/fused", 3.0, **what, **quality)
+    folder = write(job("a"), job("a", "wool"), job("b"), fused)
     of = {"label": "a", "device": "cuda", "of_tolerance": 0.1}
     slower = timing("any surface/a/1", 9.0, ns_per_sample=20.0, **of)
     on_gpu = write(slower, timing("any surface/a/2", 4.0, execution="fused", **of), folder="gpu")

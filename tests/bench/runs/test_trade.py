@@ -12,18 +12,19 @@ from bench import cli, timing
 from bench.cli.commands import choose as choose_command
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
-from bench.compare.choosing import answers, name_of_choice, usable_rungs
+from bench.compare.choosing import answers, name_of_choice, on_front, usable_rungs
 from bench.conformance.check import tiny_btf
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
 from bench.material import DecoderCost
-from bench.records import append, load_run, load_trade
+from bench.records import append, load_run
 from bench.runs import trade
 from bench.runs.job import Outcome
 from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
 from bench.timing import native
 from bench.timing.execution import Variant
+from bench.timing.profile import least_ns
 from reports import table_text
 from reports.figures.fronts import trade_fronts
 
@@ -51,8 +52,19 @@ def brief():
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory, brief):
-    folder = tmp_path_factory.mktemp("trade")
+def ran(tmp_path_factory, brief):
+    """The folder of a run before anything is timed for a trade."""
+    folder = tmp_path_factory.mktemp("ran")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
+        assert {outcome.record["status"] for outcome in run(SUITE, Options(folder))} == {"ok"}
+    return folder
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory, ran):
+    """The folder of a run with its trade, which tests do not change."""
+    folder = shutil.copytree(ran, tmp_path_factory.mktemp("trade") / "run")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
         patch.setattr("bench.timing.execution.drjit", without_drjit)
@@ -61,27 +73,43 @@ def measured(tmp_path_factory, brief):
         patch.setattr("bench.timing.profile.COPIED", 1 << 20)
         patch.setattr("bench.timing.profile.SIDE", 64)  # without AVX-512, bfloat16 multiplies slowly
         patch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
-        assert {outcome.record["status"] for outcome in run(SUITE, Options(folder))} == {"ok"}
-        result = trade.measure(SUITE, load_run(folder), "cpu")
-    trade.write(folder, result)
-    return folder, result
+        measure(SUITE, folder)
+    return folder
 
 
-def by_name(result):
-    return {name_of_choice(row): row for row in result["choices"]}
+@pytest.fixture
+def fresh(ran, tmp_path):
+    """A copy of the run without a trade."""
+    return shutil.copytree(ran, tmp_path / "run")
+
+
+@pytest.fixture
+def copied(measured, tmp_path):
+    """A copy of the run with its trade."""
+    return shutil.copytree(measured, tmp_path / "measured")
+
+
+def measure(suite, folder, **options):
+    """Measure the choices of a run in a folder; returns the run as it is then stored."""
+    trade.measure(suite, load_run(folder), "cpu", **options)
+    return load_run(folder)
+
+
+def by_name(run):
+    return {name_of_choice(row): row for row in run.choices}
 
 
 def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(measured):
-    names = list(by_name(measured[1]))
+    names = list(by_name(load_run(measured)))
     without_network = ["mean-colour", "mean-colour [fused float32]", "pca components=2"]
     with_one = [f"neubtf-direct steps=20{how}" for how in ("", " [eager bfloat16]", " [fused float32]")]
     assert names == [*without_network, *with_one, timing.FLOOR]
 
 
 def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_file(measured):
-    folder, result = measured
-    record = load_run(folder).job("tiny/neubtf-direct steps=20/0")
-    rows = by_name(result)
+    found = load_run(measured)
+    record = found.job("tiny/neubtf-direct steps=20/0")
+    rows = by_name(found)
     plain, half = rows["neubtf-direct steps=20"], rows["neubtf-direct steps=20 [eager bfloat16]"]
     assert plain["psnr"] == record["scores"]["heldout"]["metrics"]["psnr_display"]["mean"]
     assert plain["bytes"] == half["bytes"] == record["bytes"]["total"]
@@ -90,7 +118,7 @@ def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_fil
     assert plain["worst"] < plain["psnr"]
     assert 20 < half["from_float32"] < 80  # bfloat16 has three digits
     assert "from_float32" not in plain
-    assert "stability of executions and precisions" in table_text([folder], "text", "trade")
+    assert "stability of executions and precisions" in table_text(measured, "text", "trade")
     of_record = record["scores"]["validation"]["metrics"]["psnr_display"]
     assert plain["validation"]["pooled"] == of_record["pooled"]
     assert half["validation"]["slices"] == of_record["slices"]
@@ -99,42 +127,53 @@ def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_fil
 
 def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
     for label in ("mean-colour", "neubtf-direct steps=20"):
-        row = by_name(measured[1])[f"{label} [fused float32]"]
+        row = by_name(load_run(measured))[f"{label} [fused float32]"]
         assert "pip install neubtf-bench[mitsuba]" in row["error"]
         assert "ns_per_sample" not in row
 
 
-def test_an_interrupted_measurement_goes_on_where_it_stopped(measured, tmp_path, monkeypatch):
-    """The variant is scored once, and each turn is timed once."""
-    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
-    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
-    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
+def test_what_has_a_record_is_not_measured_again(quick, fresh, monkeypatch):
+    """Scores are kept if the timing is interrupted; what is timed is measured again only for another file or score."""
     monkeypatch.setattr(native, "emulated", lambda precision, device: False)
-    shutil.copytree(measured[0], tmp_path / "run")
     suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("eager bfloat16",))
-    run = load_run(tmp_path / "run")
+    in_turns, timed = timing.in_turns, []
 
-    def interrupt(label, done, total):
-        if label == "timing decoders" and (done, total) == (2, 3):
-            raise KeyboardInterrupt
+    def interrupted(*_):
+        raise KeyboardInterrupt
 
+    def counted(calls, *rest):
+        timed.append([name for name in calls if name.startswith("tiny")])
+        return in_turns(calls, *rest)
+
+    monkeypatch.setattr(timing, "in_turns", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        trade.measure(suite, run, "cpu", show=interrupt, profiles=False)
-    monkeypatch.setattr(trade, "_figures_of_variant", lambda *_: pytest.fail("scored again"))
-    turns = []
+        measure(suite, fresh)
+    assert load_run(fresh).choices == []  # scored, and not yet timed
+    monkeypatch.setattr(timing, "in_turns", counted)
+    with monkeypatch.context() as patch:
+        patch.setattr(trade, "_figures_of", lambda *_: pytest.fail("scored again"))
+        first = measure(suite, fresh)
+        assert measure(suite, fresh).choices == first.choices
+    assert list(map(len, timed)) == [2]
+    assert by_name(first)["neubtf-direct steps=20 [eager bfloat16]"]["from_float32"] > 20
+    job = first.job("tiny/neubtf-direct steps=20/0")
+    append(fresh, job | {"score_key": job["score_key"] | {"exposure": 2.0}})
+    again = measure(suite, fresh)
+    assert list(map(len, timed)) == [2, 2]
+    assert {row["score_key"]["exposure"] for row in again.choices if "of" in row} == {2.0}
 
-    def count(label, done, total):
-        if label == "timing decoders":
-            turns.append(total)
 
-    result = trade.measure(suite, run, "cpu", show=count, profiles=False)
-    assert set(turns) == {1}
-    rows = by_name(result)
-    assert rows["neubtf-direct steps=20 [eager bfloat16]"]["from_float32"] > 20
-    assert result["profiles"] == []
-    trade.write(tmp_path / "run", result)
-    assert not list((tmp_path / "run").glob("trade.[ft]*"))
-    assert trade.merged(measured[1], result)["profiles"] == measured[1]["profiles"]
+def test_a_profile_has_each_part_and_condition_and_is_measured_once(measured, copied, monkeypatch):
+    found = load_run(measured).profiles
+    assert {row["label"] for row in found} == {"mean-colour", "neubtf-direct steps=20", timing.FLOOR}
+    assert {row["part"] for row in found if row["label"].startswith("neubtf")} == {"query", "evaluate", "decoder"}
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
+    monkeypatch.setattr("bench.timing.execution.drjit", without_drjit)
+    monkeypatch.setattr(trade, "BATCHES", (1,))
+    monkeypatch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
+    monkeypatch.setattr(native, "emulated", lambda precision, device: False)
+    monkeypatch.setattr("bench.timing.profile.in_turns", lambda *_: pytest.fail("timed again"))
+    assert measure(SUITE, copied).profiles == found
 
 
 def test_ceilings_are_timed_in_turns_with_the_rest_and_rise_to_what_a_turn_reaches(monkeypatch):
@@ -143,32 +182,33 @@ def test_ceilings_are_timed_in_turns_with_the_rest_and_rise_to_what_a_turn_reach
     slow, of_all_cores = ceiling("float32", 1e-6, 1e-6), ceiling("float32", 1e-6, 1e-6, threads=2)
     material = load_codec("mean-colour")()
     decoded = material.decode(material.encode(tiny_btf(12, 6, 6), Fit()), torch.device("cpu"))
-    kept = SimpleNamespace(read=lambda arrays: 0, write=lambda *_: None)
-    assert set(trade._time_in_turns({"0": decoded}, [slow], 256, lambda *_: None, kept)) >= {"0", timing.FLOOR}
+    assert set(trade._time_in_turns({"0": decoded}, [slow], 256, lambda *_: None)) >= {"0", timing.FLOOR}
     assert slow["flops_per_ns"] > 1
     assert slow["bytes_per_ns"] > 0.1
     assert of_all_cores == ceiling("float32", 1e-6, 1e-6, threads=2)
 
 
-def test_a_share_above_the_whole_limit_is_marked_and_explained(measured, tmp_path):
-    shutil.copy(measured[0] / "records.jsonl", tmp_path)
-    choices = [row | ({"of_limit": 1.25} if row["label"] == "mean-colour" else {}) for row in measured[1]["choices"]]
+def test_a_share_above_the_whole_limit_is_marked_and_explained(copied):
     note = "* A share above 100 %"
-    assert note not in table_text([measured[0]], kind="trade")
-    trade.write(tmp_path, measured[1] | {"choices": choices})
-    text = table_text(tmp_path, kind="trade")
+    row = by_name(load_run(copied))["mean-colour"]
+    append(copied, row | {"limit_ns": 0.5 * row["ns_per_sample"]})
+    assert note not in table_text(copied, kind="trade").partition("floor ")[0]
+    append(copied, row | {"limit_ns": 1.25 * row["ns_per_sample"]})
+    text = table_text(copied, kind="trade")
     assert re.search(r"^mean-colour .* 125\.0 \*", text, re.M)
     assert note in text
 
 
 @pytest.fixture
-def quick(measured, monkeypatch):
-    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
+def quick(brief, monkeypatch):
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
+    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
+    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
     monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
     monkeypatch.setattr(trade, "profile", lambda *_: [])
 
 
-def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(measured, quick, monkeypatch):
+def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(fresh, quick, monkeypatch):
     plain = trade.prepared
 
     def prepared(material, variant):
@@ -178,32 +218,25 @@ def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(measured, quick, 
 
     monkeypatch.setattr(trade, "prepared", prepared)
     suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("fused float32",))
-    rows = by_name(trade.measure(suite, load_run(measured[0]), "cpu"))
+    rows = by_name(measure(suite, fresh))
     error = "ValueError: zip() argument 2 is shorter than argument 1"
     assert rows["neubtf-direct steps=20 [fused float32]"]["error"] == error
     assert rows["neubtf-direct steps=20"]["ns_per_sample"] > 0
 
 
-def test_a_file_whose_slices_are_gone_is_a_row_that_says_so_and_loses_only_its_own_figures(
-    measured, quick, tmp_path, monkeypatch
-):
+def test_a_file_whose_slices_are_gone_is_a_row_that_says_so_and_loses_only_its_own_figures(fresh, quick, monkeypatch):
     monkeypatch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
-    shutil.copytree(measured[0], tmp_path / "run")
-    run = load_run(tmp_path / "run")
-    (tmp_path / "run" / run.job("tiny/neubtf-direct steps=20/0")["slices"]).unlink()
-    result = trade.measure(replace(SUITE, variants=("eager bfloat16",)), run, "cpu")
-    trade.write(tmp_path / "run", result)
-    text = table_text(tmp_path / "run", kind="trade")
+    (fresh / load_run(fresh).job("tiny/neubtf-direct steps=20/0")["slices"]).unlink()
+    alone = replace(SUITE, codecs=SUITE.codecs[2:], variants=())
+    (row,) = measure(alone, fresh).choices  # nothing can be timed, and there is no floor
+    assert (row["label"], "ns_per_sample" in row) == ("neubtf-direct steps=20", False)
+    measure(replace(SUITE, variants=("eager bfloat16",)), fresh)
+    text = table_text(fresh, kind="trade")
     (line,) = re.findall(r"^neubtf-direct steps=20 +\S+ +\S+ +(\S+) +\S+\n\[eager bfloat16\]", text, re.M)
     assert line == "—"  # gained on what is not known
-    # Without any other file nothing can be timed, and there is no floor.
-    alone = trade.measure(replace(SUITE, codecs=SUITE.codecs[2:], variants=()), run, "cpu")
-    assert list(by_name(alone)) == ["neubtf-direct steps=20"]
-    assert "ns_per_sample" not in alone["choices"][0]
 
 
-def test_what_another_program_decodes_is_scored_and_not_timed(measured, quick, tmp_path, monkeypatch):
-    folder = shutil.copytree(measured[0], tmp_path / "run")
+def test_what_another_program_decodes_is_scored_and_not_timed(measured, fresh, quick, monkeypatch):
     plain, of_programs, profiled = trade.material_of_job, {"mean-colour"}, []
 
     def material_of_job(folder, job, device):
@@ -212,44 +245,41 @@ def test_what_another_program_decodes_is_scored_and_not_timed(measured, quick, t
         return material
 
     monkeypatch.setattr(trade, "material_of_job", material_of_job)
-    monkeypatch.setattr(trade, "profile", lambda name, materials, *_: profiled.append(list(materials)) or [])
+    monkeypatch.setattr(trade, "profile", lambda materials, *_: profiled.append(list(materials)) or [])
     suite = replace(SUITE, codecs=SUITE.codecs[:2], variants=("fused float32",))
-    result = trade.measure(suite, load_run(folder), "cpu")
-    rows = by_name(result)
+    other = shutil.copytree(fresh, fresh.parent / "other")
+    rows = by_name(measure(suite, fresh))
     assert list(rows) == ["mean-colour", "pca components=2", timing.FLOOR]
     assert rows["mean-colour"]["error"] == "its time cannot be measured"
-    assert rows["mean-colour"]["psnr"] == by_name(measured[1])["mean-colour"]["psnr"]
-    assert profiled == [["pca components=2"]]
-    trade.write(folder, result)
-    text = table_text(folder, kind="trade")
+    assert rows["mean-colour"]["psnr"] == by_name(load_run(measured))["mean-colour"]["psnr"]
+    assert profiled == [["tiny/pca components=2/0"]]
+    text = table_text(fresh, kind="trade")
     (line,) = (line for line in text.splitlines() if line.startswith("mean-colour "))
     assert line.split()[1] == f"{rows['mean-colour']['psnr']:.2f}"
     assert line.split()[-5:] == ["—"] * 5
     assert "mean-colour: its time cannot be measured." in " ".join(text.split())
-    assert len(list(trade_fronts(load_run(folder)))) == 1
+    assert len(list(trade_fronts(load_run(fresh)))) == 1
     # If all of them are programs, nothing is timed or profiled.
     of_programs.add("pca components=2")
-    result = trade.measure(suite, load_run(folder), "cpu")
-    assert list(by_name(result)) == ["mean-colour", "pca components=2"]
+    assert list(by_name(measure(suite, other))) == ["mean-colour", "pca components=2"]
     assert len(profiled) == 1
 
 
-def test_what_was_measured_of_a_material_is_kept_when_the_next_one_fails(measured, quick, tmp_path, monkeypatch):
-    shutil.copytree(measured[0], tmp_path / "run")
+def test_what_was_measured_of_a_material_is_kept_when_the_next_one_fails(fresh, quick, monkeypatch):
     other = MaterialSpec("other")
-    plain = trade.measure
+    plain = trade._jobs_of
 
-    def measure(suite, *rest):
-        if suite.materials == (other,):
+    def jobs_of(run, suite, spec):
+        if spec == other:
             raise KeyboardInterrupt
-        return plain(suite, *rest)
+        return plain(run, suite, spec)
 
-    monkeypatch.setattr(trade, "measure", measure)
+    monkeypatch.setattr(trade, "_jobs_of", jobs_of)
     monkeypatch.setattr(trade.runner, "run", lambda *_: [Outcome({"status": "ok"})])
     suite = replace(SUITE, materials=(*SUITE.materials, other), codecs=SUITE.codecs[:1], variants=())
     with pytest.raises(KeyboardInterrupt):
-        trade.run_and_measure(suite, Options(tmp_path / "run"), lambda _: None)
-    assert {row["material"] for row in load_trade(tmp_path / "run")["choices"]} == {"tiny"}
+        trade.run_and_measure(suite, Options(fresh), lambda _: None)
+    assert list(by_name(load_run(fresh))) == ["mean-colour", timing.FLOOR]
 
 
 def test_a_choice_is_on_a_front_where_nothing_is_as_good_for_less():
@@ -260,9 +290,9 @@ def test_a_choice_is_on_a_front_where_nothing_is_as_good_for_less():
         {"psnr": 29.0, "ns_per_sample": 95.0, "bytes": 5},
         {"psnr": 30.001, "ns_per_sample": 110.0, "bytes": 10},  # the first, computed otherwise
     ]
-    trade._mark_fronts(rows)
-    assert [row["fastest"] for row in rows] == [False, True, True, False, False]
-    assert [row["smallest"] for row in rows] == [True, False, True, True, True]
+    rows = [row | {"job": name} for name, row in zip("abcde", rows, strict=True)]
+    assert on_front(rows, "ns_per_sample") == {"b", "c"}
+    assert on_front(rows, "bytes") == {"a", "c", "d", "e"}
 
 
 def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
@@ -272,7 +302,7 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
         {"label": "fast", "psnr": 39.7, "ns_per_sample": 20.0, "bytes": 500},
         {"label": "poor", "psnr": 39.4, "ns_per_sample": 1.0, "bytes": 1},
     ]
-    rows = [row | {"material": "m", "execution": "eager", "precision": "float32"} for row in rows]
+    rows = [row | {"material": "m", "execution": "eager", "dtype": "float32"} for row in rows]
     rows = [row | {"ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]} for row in rows]
     rows = [row | {"validation": {"pooled": row["psnr"], "mean": row["psnr"], "slices": 9}} for row in rows]
     best, fastest, smallest = answers("m", rows)
@@ -288,7 +318,7 @@ def test_a_job_that_failed_is_a_row_that_says_why(tmp_path):
     job = {"kind": "job", "job": "tiny/mean-colour/0", "material": "tiny", "label": "mean-colour"}
     job |= {"codec": "mean-colour", "seed": 0, "status": "failed", "error": "no\nmemory"}
     append(tmp_path, job)
-    (row,) = trade.measure(replace(SUITE, variants=()), load_run(tmp_path), "cpu")["choices"]
+    (row,) = measure(replace(SUITE, variants=()), tmp_path).choices
     assert (row["label"], row["error"]) == ("mean-colour", "failed: no memory")
 
 
@@ -297,43 +327,37 @@ def ceiling(dtype, flops, copied=10.0, threads=1):
 
 
 @pytest.mark.parametrize(
-    ("dtype", "ceilings", "limit"),
+    ("precision", "ceilings", "limit"),
     [
-        (torch.float32, [ceiling("float32", 50.0)], 2.0),  # 100 flops
-        (torch.bfloat16, [ceiling("float32", 50.0), ceiling("bfloat16", 100.0)], 1.0),
-        (torch.bfloat16, [ceiling("float32", 50.0), ceiling("bfloat16", 5.0)], 2.0),  # emulated: products stay wide
-        (torch.float32, [ceiling("float32", 50.0), ceiling("bfloat16", 100.0)], 2.0),
-        (torch.float32, [ceiling("float32", 50.0), ceiling("float32", 100.0, threads=2)], 2.0),
-        (torch.float32, [ceiling("float32", 50.0, 2.0)], 4.0),  # 8 bytes
-        (torch.bfloat16, [ceiling("float32", 50.0, 2.0)], 2.0),  # half as many
+        ("float32", [ceiling("float32", 50.0)], 2.0),  # 100 flops
+        ("bfloat16", [ceiling("float32", 50.0), ceiling("bfloat16", 100.0)], 1.0),
+        ("bfloat16", [ceiling("float32", 50.0), ceiling("bfloat16", 5.0)], 2.0),  # emulated: products stay wide
+        ("float32", [ceiling("float32", 50.0), ceiling("bfloat16", 100.0)], 2.0),
+        ("float32", [ceiling("float32", 50.0, 2.0)], 4.0),  # 8 bytes
+        ("bfloat16", [ceiling("float32", 50.0, 2.0)], 2.0),  # half as many
     ],
 )
-def test_the_limit_is_the_faster_of_the_precisions_that_could_be_used(dtype, ceilings, limit):
-    material = SimpleNamespace(dtype=dtype, cost=DecoderCost(flops_per_sample=100, bytes_per_sample=8))
-    assert trade._limit(material, ceilings) == pytest.approx(limit)
+def test_the_limit_is_the_faster_of_the_precisions_that_could_be_used(precision, ceilings, limit):
+    material = SimpleNamespace(cost=DecoderCost(flops_per_sample=100, bytes_per_sample=8))
+    assert least_ns(material, precision, ceilings) == pytest.approx(limit)
 
 
-def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(measured, quick, tmp_path, monkeypatch):
-    folder = measured[0]
+def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(fresh, quick, monkeypatch):
     suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("eager bfloat16", "fused bfloat16", "compiled tf32"))
     monkeypatch.setattr(native, "emulated", lambda precision, device: precision == "bfloat16")
-    result = trade.measure(suite, load_run(folder), "cpu")
-    assert list(by_name(result)) == ["neubtf-direct steps=20", timing.FLOOR]
-    assert {ceiling["dtype"] for ceiling in result["ceilings"]} == {"float32"}
-    shutil.copy(folder / "records.jsonl", tmp_path)
-    trade.write(tmp_path, result)
+    found = by_name(measure(suite, fresh))
+    assert list(found) == ["neubtf-direct steps=20", timing.FLOOR]
+    assert {ceiling["dtype"] for ceiling in found[timing.FLOOR]["ceilings"]} == {"float32"}
     note = "only emulates their precision: eager bfloat16. `neubtf-bench trade --emulated` measures them"
-    assert note in " ".join(table_text(tmp_path, kind="trade").split())
-    result = trade.measure(suite, load_run(folder), "cpu", emulated=True)
-    assert "neubtf-direct steps=20 [eager bfloat16, emulated]" in by_name(result)
-    trade.write(tmp_path, result)
-    text = table_text(tmp_path, kind="trade")
+    assert note in " ".join(table_text(fresh, kind="trade").split())
+    assert "neubtf-direct steps=20 [eager bfloat16, emulated]" in by_name(measure(suite, fresh, emulated=True))
+    text = table_text(fresh, kind="trade")
     assert re.search(r"^\[eager bfloat16, *\nemulated\]", text, re.M)  # a cell of the table, folded
     assert "only emulates" not in text
 
 
 @pytest.fixture
-def path_traced(measured, quick, monkeypatch):
+def path_traced(fresh, quick, monkeypatch):
     """What is measured with noise by a path tracer that stands in for Mitsuba's, and cannot record one codec."""
 
     def reached(file, drawn):
@@ -348,20 +372,19 @@ def path_traced(measured, quick, monkeypatch):
     monkeypatch.setattr(trade, "fitted", lambda material, show: torch.zeros(1, 1, 5))
     monkeypatch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
     suite = replace(SUITE, variants=("eager bfloat16",))
-    return trade.measure(suite, load_run(measured[0]), "cpu", noise=True)
+    measure(suite, fresh, noise=True)
+    return fresh
 
 
-def test_noise_is_of_each_file_and_stands_in_columns_of_its_own(measured, path_traced, tmp_path):
-    rows = by_name(path_traced)
+def test_noise_is_of_each_file_and_stands_in_columns_of_its_own(measured, path_traced):
+    rows = by_name(load_run(path_traced))
     noise = {"scene": "ball, even sky", "samples": [40_000.0, 9_876.0], "seconds": [3.0, 1.5]}
     assert rows["neubtf-direct steps=20"]["noise"] == noise
     assert rows["mean-colour"]["noise_error"] == "cannot be recorded"
     bare = ("neubtf-direct steps=20 [eager bfloat16]", timing.FLOOR)  # the same file, and none
     assert not any("noise" in rows[name] or "noise_error" in rows[name] for name in bare)
-    assert "noise" not in table_text(measured[0], kind="trade")
-    shutil.copy(measured[0] / "records.jsonl", tmp_path)
-    trade.write(tmp_path, path_traced)
-    text = table_text(tmp_path, kind="trade")
+    assert "noise" not in table_text(measured, kind="trade")
+    text = table_text(path_traced, kind="trade")
     (line,) = (line for line in text.splitlines() if line.startswith("pca components=2 "))
     assert line.split()[-4:] == ["40,000", "9,876", "3.00", "1.50"]
     (line,) = (line for line in text.splitlines() if line.startswith("mean-colour "))
@@ -377,41 +400,19 @@ def test_noise_without_mitsuba_is_refused_before_any_work(tmp_path, monkeypatch,
     assert not (tmp_path / "run").exists()
 
 
-def test_another_material_is_measured_beside_those_that_are_there(measured):
-    result = measured[1]
-    other = result | {key: [row | {"material": "other"} for row in result[key]] for key in ("choices", "profiles")}
-    both = trade.merged(result, other)
-    assert {row["material"] for row in both["choices"]} == {"tiny", "other"}
-    assert {answer.partition(":")[0] for answer in both["answers"]} == {"tiny", "other"}
-    again = trade.merged(both, result)
-    assert sorted(map(str, again["choices"])) == sorted(map(str, both["choices"]))
-    assert trade.merged(None, result)["choices"] == result["choices"]
-
-
-def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
-    folder, result = measured
-    shutil.copy(folder / "records.jsonl", tmp_path)
-    trade.write(tmp_path, result)
-    job = load_run(folder).job("tiny/mean-colour/0")
-    assert load_trade(tmp_path)["choices"] == result["choices"]
-    append(tmp_path, job | {"score_key": job["score_key"] | {"sha256": "another"}})
-    labels = [row["label"] for row in load_trade(tmp_path)["choices"]]
-    assert labels == [row["label"] for row in result["choices"] if row["label"] != "mean-colour"]
-
-
-def test_no_sentence_or_profile_is_of_a_file_that_was_fitted_again(measured, tmp_path):
-    folder, result = measured
-    shutil.copy(folder / "records.jsonl", tmp_path)
-    trade.write(tmp_path, result)
-    best = max(usable_rungs(result["choices"], "tiny"), key=lambda rung: rung.score).of
-    assert f"tiny: the best is {best['label']}" in " ".join(table_text(tmp_path, kind="trade").split())
-    assert load_trade(tmp_path)["profiles"] == result["profiles"]
-    job = load_run(folder).job(best["job"])
-    append(tmp_path, job | {"score_key": job["score_key"] | {"sha256": "another"}})
-    text = " ".join(table_text(tmp_path, kind="trade").split())
+def test_no_choice_sentence_or_profile_is_of_a_file_that_was_fitted_again(copied):
+    found = load_run(copied)
+    best = max(usable_rungs(found.choices, "tiny"), key=lambda rung: rung.score).of
+    assert f"tiny: the best is {best['label']}" in " ".join(table_text(copied, kind="trade").split())
+    job = found.job(best["of"])
+    append(copied, job | {"score_key": job["score_key"] | {"sha256": "another"}})
+    left = load_run(copied)
+    assert left.choices == [row for row in found.choices if row["label"] != best["label"]]
+    assert left.profiles == [row for row in found.profiles if row["label"] != best["label"]]
+    assert left.profiles
+    text = " ".join(table_text(copied, kind="trade").partition("time by part")[0].split())
     assert "tiny: the best is " in text
     assert best["label"] not in text
-    assert load_trade(tmp_path)["profiles"] == []
 
 
 def choosing(monkeypatch, out, suite=SUITE, **wish):
@@ -433,19 +434,22 @@ def choosing(monkeypatch, out, suite=SUITE, **wish):
 )
 def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, monkeypatch, capsys, wish, code, words):
     monkeypatch.delattr("bench.cli.commands.choose.run_and_measure")
-    assert choosing(monkeypatch, measured[0], **wish) == code
+    assert choosing(monkeypatch, measured, **wish) == code
     assert words in capsys.readouterr().out
 
 
-def test_choose_measures_what_is_missing(measured, tmp_path, monkeypatch, capsys):
-    result = measured[1]
-    shutil.copy(measured[0] / "records.jsonl", tmp_path)
-    trade.write(tmp_path, result | {"choices": [row for row in result["choices"] if row["label"] == "mean-colour"]})
+def test_choose_measures_what_is_missing(measured, fresh, monkeypatch, capsys):
+    rows = load_run(measured).choices
+    for row in rows:
+        if row["label"] == "mean-colour":
+            append(fresh, row)
     measure = "bench.cli.commands.choose.run_and_measure"
-    monkeypatch.setattr(measure, lambda suite, options, tell, **_: trade.write(options.folder, result))
-    best = max(rung.score for rung in usable_rungs(result["choices"], "tiny"))
+    monkeypatch.setattr(
+        measure, lambda suite, options, tell, **_: [append(options.folder, row) for row in rows] and None
+    )
+    best = max(rung.score for rung in usable_rungs(rows, "tiny"))
     for wish, code, measures in ((1.0, 0, False), (best - 0.01, 0, True), (99.0, 1, False)):  # at last all was tried
-        assert choosing(monkeypatch, tmp_path, min_psnr=wish) == code
+        assert choosing(monkeypatch, fresh, min_psnr=wish) == code
         assert ("2 of 3 settings of test are not measured in" in capsys.readouterr().out) == measures
 
 
@@ -491,11 +495,11 @@ def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(mea
 def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured, tmp_path, monkeypatch):
     monkeypatch.delattr("bench.cli.commands.choose.run_and_measure")
     spelled = replace(SUITE, codecs=(CodecSpec("pca", {"components": 2, "passes": 4}),))
-    assert choosing(monkeypatch, measured[0], spelled, min_psnr=99.0) == 1
+    assert choosing(monkeypatch, measured, spelled, min_psnr=99.0) == 1
 
 
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
     small = replace(SUITE, data=Preparation(size=12, repair=True, validation=True))
-    assert choosing(monkeypatch, measured[0], small, min_psnr=1.0) == 0
+    assert choosing(monkeypatch, measured, small, min_psnr=1.0) == 0
     # Without `repair`: the material is rendered, and `encode` refuses a setting that has no effect.
     assert " --set data.size=12 --set data.validation=true -o tiny.nbtf" in capsys.readouterr().out

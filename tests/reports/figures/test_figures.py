@@ -109,7 +109,7 @@ def test_neither_odd_labels_nor_exact_codecs_stop_a_figure_and_what_is_gone_cost
     made.folder = made.folder.parent / "exact"
     made.__init__(made.folder)
     list(draw(run_of(made.start().job("table", psnr=100.0).timing("table"))))  # nothing else is there
-    made.job().job("vq").timing().trade("table", "pca")
+    made.job().job("vq").timing().trade("table", "vq")
     assert len(drawn(run_of(made), draw)) == 1
     for path in [*made.folder.glob("*.npz"), *made.folder.glob("angular*")]:
         path.unlink()

@@ -15,7 +15,7 @@ from bench.codecs.container import read_header
 from bench.compare.choosing import TIE_DB, Limits, best_rung, choice_in_words, longest_ns, nearest, usable_rungs
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
-from bench.records import append, load_run, load_trade
+from bench.records import append, load_run
 from tests.bench.demand.scenes import SUN, camera, demand_of, surface
 
 
@@ -23,7 +23,8 @@ def row(name, psnr, size, ns, **more):
     stats = {"pooled": psnr, "mean": psnr, "slices": 9}
     choice = {"label": name, "psnr": 0.0, "validation": stats, "bytes": size, "ns_per_sample": ns, "material": "m"}
     choice |= {"ratio_to_floor": 2.0, "ratio_interval95": [2.0, 2.0]}
-    return choice | {"execution": "eager", "precision": "float32"} | more
+    choice |= {"of": f"m/{name}/0", "score_key": {"sha256": "0"}}
+    return choice | {"execution": "eager", "dtype": "float32"} | more
 
 
 ROWS = [row("exact", 100.0, 9000, 300.0), row("good", 36.0, 500, 100.0), row("fast", 33.0, 800, 20.0)]
@@ -129,9 +130,9 @@ def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_p
     (exported,) = re.findall(r"^([\d,]+) bytes of textures on a GPU", capsys.readouterr().out, re.M)
     assert time.endswith(f"on a GPU: {exported} bytes of textures, as `export` writes them")
     chosen = json.loads(Path("choice.json").read_text())
-    rows = load_trade(Path("r"))["choices"]
-    variant = ("label", "execution", "precision")
-    (row,) = (row for row in rows if [row[name] for name in variant] == [chosen[name] for name in variant])
+    rows = load_run(Path("r")).choices
+    named = [chosen[name] for name in ("label", "execution", "precision")]
+    (row,) = (row for row in rows if [row["label"], row["execution"], row["dtype"]] == named)
     assert (Path(chosen["file"]).resolve(), chosen["bytes"]) == (stored, stored.stat().st_size)
     assert chosen["sha256"] == read_header(stored).sha256
     assert chosen["psnr"] == {"validation": row["validation"]["mean"], "test": row["psnr"]}
@@ -241,4 +242,4 @@ def test_options_that_make_no_sense_are_bad_usage(words, message, tmp_path, caps
     own = ["--suite", str(tmp_path / "own.toml"), "--out", str(tmp_path / "r")]
     assert cli.main(["choose", "satin", "--max-bytes", "1M", *own, *words]) == 2
     assert message in capsys.readouterr().err
-    assert not (tmp_path / "r" / "trade.json").exists()
+    assert not (tmp_path / "r" / "records.jsonl").exists()
