@@ -4,21 +4,62 @@
 on it; that of a codec says what it is and where it stands.
 
 The *record* of a job (a codec with its settings on one material, fitted with one seed) is its result, and a *row* is
-the job in a table. A *source* of the board is a `Publication`: the records of one file, archive or run. A run *at hand*
-is a folder of this machine that also has pictures and codec files. Results are *claimed* if only those who handed them
-in have scored them.
+the job in a table. A *source* of the board is a `Publication`: the records of one file (`*.jsonl`), archive (`*.zip`)
+or run. A run *at hand* is a folder of this machine that also has pictures and codec files. An archive is a run that
+somebody handed in with its codec files; its results are *claimed*, because nobody else has scored them.
 """
 
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from bench.files.atomic import replacing
+from bench.inputs.errors import InputError
+from bench.records import FILE, Run, load_run
 from reports.board.pages import Board
 from reports.board.sources import Codec, Publication, with_files
 
 # How pages are written. Records may hold halves of letters (lone surrogates), which UTF-8 cannot: no reason to fail.
 TEXT: Any = {"encoding": "utf-8", "errors": "replace", "newline": "\n"}
+RECORDS, ARCHIVE = ".jsonl", ".zip"  # how the names of files of records and of archives end
+
+
+def write_board(
+    places: Sequence[Path], codecs: Mapping[str, Codec], unpack: Callable[[Path, Path], Run], folder: Path
+) -> list[Path]:
+    """Write the board of what lies at some places: files of records, archives, folders of runs, and folders of these.
+
+    `unpack` unpacks an archive into a folder and reads its run; the rest is as for `write_site`. `InputError` for a
+    place without any of them.
+    """
+    records: list[Publication] = []
+    runs: list[Publication] = []
+    # Pages read the files of an unpacked run, so it is kept until they are written.
+    with tempfile.TemporaryDirectory(prefix="neubtf-site-") as scratch:
+        for path in chain.from_iterable(map(_sources_at, places)):
+            if path.suffix == ARCHIVE:
+                run = unpack(path, Path(scratch) / str(len(records)))
+                records.append(Publication(path.name, run, claimed=True))
+            elif path.suffix == RECORDS:
+                records.append(Publication(path.stem, load_run(path)))
+            else:
+                runs.append(Publication(path.resolve().name, load_run(path)))
+        return write_site(records, runs, codecs, folder)
+
+
+def _sources_at(place: Path) -> list[Path]:
+    """The sources at a place: itself, if it is a file or a run; of another folder its files of records and archives or,
+    without any, the runs in it."""
+    if not place.is_dir() or (place / FILE).exists():
+        return [place]
+    inside = [*sorted(place.glob(f"*{RECORDS}")), *sorted(place.glob(f"*{ARCHIVE}"))]
+    inside = inside or sorted(path.parent for path in place.glob(f"*/{FILE}"))
+    if not inside:
+        remedy = "`neubtf-bench results add RUN FOLDER/NAME.jsonl` makes a file of records of a run"
+        raise InputError(f"{place}: no run, no file of records (*.jsonl) and no archive (*.zip) is there: {remedy}")
+    return inside
 
 
 def write_site(

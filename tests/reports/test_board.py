@@ -70,7 +70,7 @@ def whole(tmp_path_factory):
     site = tmp_path_factory.mktemp("whole") / "site"
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
-        assert cli.main(["results", "write", "--site", str(site)]) == 0
+        assert cli.main(["report", "docs/results", "--site", str(site)]) == 0
     return site
 
 
@@ -172,14 +172,26 @@ def test_the_board_needs_no_clone_but_records_and_says_how_to_make_them(made, tm
     made.job("pca")
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path / "empty")
-    assert cli.main(["results", "write", "--site", "site"]) == 2
+    assert cli.main(["report", ".", "--site", "site"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "docs/results: no file of records (*.jsonl) is there: " in line
+    assert "no run, no file of records (*.jsonl) and no archive (*.zip) is there: " in line
     (command,) = re.findall("`neubtf-bench (results add .*?)`", line)
     add = {"RUN": str(made.folder), "FOLDER/NAME.jsonl": "kept.jsonl"}
     assert cli.main([add.get(word, word) for word in command.split()]) == 0
-    assert cli.main(["results", "write", "--site", "site", "--records", "."]) == 0
-    assert "pca" in Path("site/index.html").read_text(encoding="utf-8")
+    assert cli.main(["report", ".", "--site", "site"]) == 0
+    assert ": kept</h2>" in Path("site/index.html").read_text(encoding="utf-8")
+
+
+def test_runs_files_and_folders_of_runs_become_sources_of_one_site(made, run_maker, tmp_path):
+    made.job("pca")
+    (tmp_path / "runs").mkdir()
+    for name in ("a", "b"):
+        run_maker(tmp_path / "runs" / name).start().job("vq", material=name)
+    assert cli.main(["results", "add", str(made.folder), str(tmp_path / "kept.jsonl")]) == 0
+    places = [str(tmp_path / name) for name in ("kept.jsonl", "runs", "run")]
+    assert cli.main(["report", *places, "--site", str(tmp_path / "site")]) == 0
+    front = (tmp_path / "site/index.html").read_text(encoding="utf-8")
+    assert re.findall(": (.*?)</h2>", front) == ["kept", "a", "b"], "all that the last run measured is in records"
 
 
 def test_a_run_at_hand_says_nothing_of_this_machine(made, tmp_path):
@@ -211,11 +223,15 @@ def test_pages_that_are_not_made_anew_are_removed_and_other_files_stay(made, tmp
     assert {path.name for path in tmp_path.glob("*.html")} == names
 
 
-def test_a_site_needs_records(tmp_path, capsys):
+def test_several_sources_need_a_site_and_the_old_command_names_the_new_one(made, tmp_path, capsys):
+    made.job()
+    for places in ([str(made.folder)] * 2, [str(made.folder / "records.jsonl")]):
+        assert cli.main(["report", *places]) == 2
+        assert "give --site DIR" in capsys.readouterr().err
     assert cli.main(["results", "write", "--site", str(tmp_path / "s"), "--records", str(tmp_path)]) == 2
-    assert "no file of records" in capsys.readouterr().err
+    assert "is now `report docs/results RUN… --site DIR`" in capsys.readouterr().err
     assert cli.main(["results", "write"]) == 2
-    assert "--site" in capsys.readouterr().err
+    assert "name a Markdown file" in capsys.readouterr().err
 
 
 def test_a_page_asks_for_nothing_and_fits_a_telephone(browser, whole):

@@ -10,10 +10,6 @@ first one is the command that makes it:
 
 `results check DOC` changes nothing, and fails if a table differs from the output of its command.
 
-`results write --site DIR` makes the board: a folder of pages that needs no server, of the records (`*.jsonl`) and
-archives (`*.zip`, whose results are only claimed) in the folder of `--records`, with the pictures of the runs that
-you name. It needs no clone: `results add` makes a file of records of any run.
-
 `results pack RUN -o FILE` packs the records and codec files of a run into an archive. Anyone who has it can decode and
 score every file again, so nobody has to trust you. The last lines printed are a text to hand it in with.
 
@@ -31,7 +27,6 @@ examples:
   neubtf-bench results add runs/mine docs/results/quick.jsonl
   neubtf-bench results add runs/quick docs/results/quick.jsonl
   neubtf-bench results write docs/results.md README.md
-  neubtf-bench results write --site site --runs runs/quick
 """
 
 import argparse
@@ -40,15 +35,11 @@ import shlex
 from pathlib import Path
 
 from bench.cli.commands import _archives, say_line, table
-from bench.codecs.described import described_codecs
 from bench.compare.reference import published
 from bench.files.atomic import write
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
 from bench.records import FILE, load_together
-from bench.runs.archive import unpack
 from reports import KINDS, WHY_EMPTY, table_text
-from reports.board.assembly import write_board
-from reports.board.sources import Codec
 
 _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
 
@@ -61,22 +52,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add.add_argument("file", type=Path, metavar="FILE", help="a .jsonl file; its own records stay")
     rewrite = actions.add_parser("write", help="write the tables again")
     rewrite.add_argument("documents", type=Path, nargs="*", metavar="DOC", help="a Markdown file")
-    rewrite.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
-    rewrite.add_argument(
-        "--records",
-        type=Path,
-        default=Path("docs/results"),
-        metavar="FOLDER",
-        help="the records that the board shows (default: docs/results)",
-    )
-    rewrite.add_argument(
-        "--runs",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="RUN",
-        help="a run whose pictures the board shows; repeatable",
-    )
+    for moved in ("--site", "--records", "--runs"):
+        rewrite.add_argument(moved, dest="moved", help=argparse.SUPPRESS)
     check = actions.add_parser("check", help="fail if a table is out of date")
     check.add_argument("documents", type=Path, nargs="+", metavar="DOC", help="a Markdown file")
     _archives.pack_arguments(actions.add_parser("pack", help="pack a run into an archive that others can verify"))
@@ -91,14 +68,10 @@ def run(options: argparse.Namespace) -> int:
         return _archives.verify_archive(options)
     if options.action == "add":
         return _add(options.run, options.file)
-    if options.action == "write" and options.site:
-        codecs = {name: Codec(**about) for name, about in described_codecs().items()}
-        with writable(options.site, "choose another --site"):
-            written = write_board(options.records, options.runs, codecs, unpack, options.site)
-        size = sum(path.stat().st_size for path in written)
-        say_line(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
-    elif not options.documents:
-        raise InputError("results write: name a Markdown file, or a folder with --site")
+    if options.action == "write" and options.moved:
+        raise InputError("`results write --site DIR` is now `report docs/results RUN… --site DIR`")
+    if not options.documents:
+        raise InputError("results write: name a Markdown file")
     stale = [path for path in options.documents if _written(path, options.action == "write")]
     if options.action == "check" and stale:
         names = " ".join(map(str, stale))
