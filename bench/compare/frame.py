@@ -114,7 +114,7 @@ def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> pd.DataFrame:
                 columns[name] = [nan] * len(rows)
             if value is not None:
                 columns[name][number] = value
-    # Texts stay objects, because strings of pandas cannot hold all that a record may, such as half of a character.
+    # Texts stay objects, as they are with every version of pandas.
     texts = {name for name, values in columns.items() if any(isinstance(value, str) for value in values)}
     frame = pd.DataFrame(
         {name: pd.Series(values, dtype=object if name in texts else None) for name, values in columns.items()}
