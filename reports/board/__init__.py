@@ -21,7 +21,7 @@ from bench.records import FILE, Run, load_run
 from reports.board.pages import Board
 from reports.board.sources import Codec, Publication, with_files
 
-# How pages are written. Names of files may hold halves of letters (lone surrogates), which UTF-8 cannot: no reason to fail.
+# How pages are written. Names of files may hold halves of letters (lone surrogates), which UTF-8 cannot.
 TEXT: Any = {"encoding": "utf-8", "errors": "replace", "newline": "\n"}
 RECORDS, ARCHIVE = ".jsonl", ".zip"  # how the names of files of records and of archives end
 
