@@ -17,6 +17,7 @@ from bench.compare.quantities import Quantity
 from bench.compare.rows import ABSENT, ComparedRow
 from bench.compare.verdicts import Change, Verdict
 from bench.inputs.errors import visible
+from bench.records import codec_of
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
 from reports.text import WIDTH, escaped, grid, plain
@@ -97,7 +98,7 @@ def _absent_line(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) 
     `present` are all other rows.
     """
     materials = dict.fromkeys(row.material for row in present)
-    codecs = dict.fromkeys(row.label.split()[0] for row in present)  # a label is the codec, then its settings
+    codecs = dict.fromkeys(codec_of(row.label) for row in present)
     options = [f"--material {shlex.quote(name)}" for name in materials]
     options += [f"--codec {shlex.quote(name)}" for name in codecs]
     remedy = f"; to compare what is there: {' '.join(options)}" if options else ""

@@ -7,7 +7,7 @@ the job's record. A *goal* is a PSNR that a fit should reach soon. PSNR is in dB
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from bench.records import Job, Run, grouped
+from bench.records import Job, Run, codec_of, grouped
 from reports.numbers import NONE, fixed, integer, significant
 from reports.rows import materials
 from reports.table import Table
@@ -62,7 +62,7 @@ def stages_note(curves: Sequence[FitCurve]) -> str:
     by_share = grouped([fit for fit in curves if fit.direct], lambda fit: fit.direct)
     drops = []
     for share, fits in by_share.items():
-        codecs = dict.fromkeys(fit.label.split()[0] for fit in fits)  # each once
+        codecs = dict.fromkeys(codec_of(fit.label) for fit in fits)  # each once
         drops.append(f"{', '.join(codecs)}: quality drops after {100 * share:.0f} % of the steps")
     if not drops:
         return ""

@@ -6,7 +6,7 @@ run without validation pairs has no budgets, so its codecs are compared as they 
 
 from bench.compare.paired import AGAINST
 from bench.compare.ranks import SAME_DB
-from bench.records import Run
+from bench.records import Run, codec_of
 from reports.front import in_words
 from reports.ranking import ranked
 from reports.rungs import ENOUGH, rungs_of
@@ -46,7 +46,7 @@ def _as_measured(run: Run) -> str:
     if not best_first:
         return ""
     best = best_first[0]
-    others = [standing for standing in best_first if standing.label.split()[0] != best.label.split()[0]]
+    others = [standing for standing in best_first if codec_of(standing.label) != codec_of(best.label)]
     if not others:
         return ""
     second = others[0]

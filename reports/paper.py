@@ -15,7 +15,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from statistics import fmean, stdev
 
 from bench.metrics import stats_of
-from bench.records import FLIP, PSNR, SSIM, Job, Run, grouped, shown_label
+from bench.records import FLIP, PSNR, SSIM, Job, Run, codec_of, grouped, shown_label
 from reports.numbers import NONE, fixed, integer, plus_minus, signed, stated
 from reports.rows import of_suite
 from reports.table import Note, Table
@@ -114,7 +114,7 @@ def _rows(jobs: Sequence[Job]) -> Iterator[list[str]]:
     if height != width:  # the paper's are square
         name += f", {height} × {width}"
     published: Mapping[str, str] = {}  # by metric; the paper has figures of its own method alone
-    if first["label"].split()[0] == METHOD:
+    if codec_of(first["label"]) == METHOD:
         published = PUBLISHED[NEAREST.get(material, material)]
     measured = first["status"] == "ok"
     pairs_of_rows = _PAIRS if measured else _PAIRS[:1]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from bench.compare.frame import line_of
-from bench.records import Run, shown_label
+from bench.records import Run, codec_of, shown_label
 
 # A colour of its own for each codec of the package: any two differ by at least 20 in CIELAB, and each has a contrast of
 # 3 or more on white and on the page's dark paper. Markers tell apart what a reader without one kind of cone, or a grey
@@ -48,11 +48,11 @@ class Styles:
 
     def __init__(self, run: Run):
         labels = dict.fromkeys(map(shown_label, run.jobs))  # each once, in the order of the suite
-        self.outside_codecs = list(dict.fromkeys(_codec(label) for label in labels if is_own(label)))
-        self.codec_of_line = {line_of(job): _codec(shown_label(job)) for job in run.jobs if "label" in job}
+        self.outside_codecs = list(dict.fromkeys(codec_of(label) for label in labels if is_own(label)))
+        self.codec_of_line = {line_of(job): codec_of(shown_label(job)) for job in run.jobs if "label" in job}
         self.labels_of_codec: dict[str, list[str]] = {}  # by name of codec, each of its settings
         for label in labels:
-            self.labels_of_codec.setdefault(_codec(label), []).append(label)
+            self.labels_of_codec.setdefault(codec_of(label), []).append(label)
 
     def of_codec(self, label: str) -> dict[str, Any]:
         """The keyword arguments by which Matplotlib's `plot` draws a label; markers are hollow at every second setting.
@@ -60,7 +60,7 @@ class Styles:
         `label` may also name a ladder of rates, the line through several settings of a codec. Codecs from outside lie
         in a higher layer, so that they are drawn above others.
         """
-        codec = _codec(label)
+        codec = codec_of(label)
         labels = self.labels_of_codec.get(codec, [])
         # A ladder of rates is named after its codec and has no label of its own: it looks like the first setting.
         setting = labels.index(label) if label in labels else 0
@@ -87,9 +87,4 @@ class Styles:
 
 def is_own(label: str) -> bool:
     """Whether the codec of a label is not one of the package, so most likely the reader's own."""
-    return _codec(label) not in KNOWN
-
-
-def _codec(label: str) -> str:
-    """The name of the codec in a label; a blank label as it is."""
-    return label.split(maxsplit=1)[0] if label.split() else label
+    return codec_of(label) not in KNOWN

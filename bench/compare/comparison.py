@@ -20,7 +20,7 @@ from statistics import fmean
 from bench.compare.rows import ORDER, UNIT, ComparedRow, advice, compare_row, gravest_verdict, multiples
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
-from bench.records import Job, Run, RunStart, Stress, by_row, grouped, require
+from bench.records import Job, Run, RunStart, Stress, by_row, codec_of, grouped, require
 
 FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
 
@@ -86,7 +86,7 @@ def compare(
     # The jobs of both runs that are compared, and their times.
     every = [*base.jobs, *new.jobs]
     check_names("material", materials, {job["material"] for job in every})
-    check_names("codec", codecs, {_codec(job) for job in every})
+    check_names("codec", codecs, {codec_of(job["label"]) for job in every})
     before = _jobs_to_compare(base, materials, codecs)
     after = _jobs_to_compare(new, materials, codecs)
     before = _with_current_labels(before, after)  # a default that changed, changes labels
@@ -117,7 +117,7 @@ def _jobs_to_compare(run: Run, materials: Sequence[str], codecs: Sequence[str]) 
     for job in run.jobs:
         if materials and job["material"] not in materials:
             continue
-        if codecs and _codec(job) not in codecs:
+        if codecs and codec_of(job["label"]) not in codecs:
             continue
         if job["status"] == "ok":  # others have no numbers
             require(job, "comparison", run.folder)
@@ -133,14 +133,13 @@ def _left_out(label: str, run: Run, chosen: Sequence[Job]) -> list[Job]:
 
 def _pattern_names(pattern: str, row: ComparedRow) -> bool:
     """Whether a pattern of `allow` names a row: by material and label, by label, by codec or by material."""
-    codec, *_ = row.label.split()
-    names = (row.name, row.label, codec, row.material)
+    names = (row.name, row.label, codec_of(row.label), row.material)
     return any(fnmatchcase(name, pattern) for name in names)
 
 
 def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
     """A mean row for each codec with several rows, and one for all codecs; none for fewer than two rows."""
-    rows_of_codec = grouped(rows, lambda row: row.label.split()[0])
+    rows_of_codec = grouped(rows, lambda row: codec_of(row.label))
     mean_rows = [_mean_row(name, of_codec, every=False) for name, of_codec in rows_of_codec.items()]
     mean_rows.append(_mean_row("all codecs", list(rows), every=True))
     return [row for row in mean_rows if row is not None]
@@ -246,14 +245,7 @@ def _with_current_labels(before: list[Job], after: list[Job]) -> list[Job]:
 
 def _identity(job: Job) -> tuple[str, ...]:
     """Material, codec and settings of a finished job, whatever its label."""
-    return job["material"], _codec(job), json.dumps(job["fit_key"]["settings"], sort_keys=True)
-
-
-def _codec(job: Job) -> str:
-    """The codec's name, the first word of the label: an unavailable job has it nowhere else."""
-    name: str
-    name, *_ = job["label"].split()
-    return name
+    return job["material"], codec_of(job["label"]), json.dumps(job["fit_key"]["settings"], sort_keys=True)
 
 
 def check_whole(base: Run) -> None:

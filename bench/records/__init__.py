@@ -28,6 +28,7 @@ from bench.records.meaning import (
     VALIDATION,
     PlannedJob,
     by_row,
+    codec_of,
     conditions_in_words,
     deciding_group,
     fitted_to_scene,

@@ -65,6 +65,11 @@ def planned_jobs(start: RunStart) -> Iterator[PlannedJob]:
         yield PlannedJob(name, material, label.split(" ")[0], label, int(seed) if seed.isdecimal() else None)
 
 
+def codec_of(label: str) -> str:
+    """The name of the codec in a label, which is its first word; settings follow. A blank label as it is."""
+    return label.split(maxsplit=1)[0] if label.strip() else label
+
+
 def shown_label(job: Job) -> str:
     """The label of a job in tables and figures; the name of a job that has none."""
     return str(job.get("label", job["job"]))

@@ -11,7 +11,7 @@ the truth and some codecs' answers at one pair of view and light. A *recipe* is 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from bench.records import kind_of, kind_order, pictures_are_free
+from bench.records import codec_of, kind_of, kind_order, pictures_are_free
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
@@ -128,7 +128,7 @@ class Board:
         for name, sources in by_material(self.sources):
             # Of several sources that have the material, the first says what kind its truth is.
             titles = ", ".join(source.title for source in sources)
-            rows.append([name, _kinds_in_words(sources[0], name), titles])
+            rows.append([name, ", ".join(_kinds(sources[0], name)), titles])
         return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
 
     def _codecs_table(self) -> Table:
@@ -191,7 +191,7 @@ class MaterialPage(Page):
         self.name = name
         self.sources = {source.title: source for source in sources}
         self.to_codec = board.to_codec
-        self.truth = _kinds_in_words(sources[0], name)
+        self.truth = ", ".join(_kinds(sources[0], name))
         self.origins = []  # a table for each source
         for source in self.sources.values():
             for material in source.materials:
@@ -224,7 +224,7 @@ class MaterialPage(Page):
         """Links to the codecs that have a row here: the page of each, and its name."""
         names: set[str] = set()
         for material in self.materials:
-            names.update(map(tables.codec_of, material.rows))
+            names.update(codec_of(row.label) for row in material.rows)
         return [(page_name("codec", name), name) for name in sorted(names)]
 
     def strips(self) -> list[tuple[int, list[Picture]]]:
@@ -254,13 +254,13 @@ def _codecs(source: Publication) -> set[str]:
     """The names of the codecs that have a row in a source."""
     names: set[str] = set()
     for material in source.materials:
-        names.update(map(tables.codec_of, material.rows))
+        names.update(codec_of(row.label) for row in material.rows)
     return names
 
 
 def _front_order(source: Publication) -> tuple[bool, int]:
     """The key that sorts sources on the front: those with budgets first, then by the first kind of their truth."""
-    first_kind = _kinds_in_words(source).partition(",")[0]  # of "measured, rendered"
+    first_kind = next(iter(_kinds(source)), "")
     return not source.has_budgets, kind_order(first_kind)
 
 
@@ -305,7 +305,7 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
     describes it; all are shown together under `_FITS`.
     """
     for material, curves in curves_by_material(source.run).items():
-        fits_of_codec = [fit for fit in curves if fit.label.split()[0] == name]  # of all its settings
+        fits_of_codec = [fit for fit in curves if codec_of(fit.label) == name]  # of all its settings
         if not any("recipe=paper" in fit.label for fit in fits_of_codec):
             continue
         # By label the points of a line. The axes are logarithmic, so the points at 0 are left out.
@@ -330,7 +330,7 @@ def _section(source: Publication) -> dict[str, Any]:
     """What the front shows of a source, by the names that its template uses: with budgets pictures, figures and tables
     of these, else the summary alone. `ranks` are drawn only when the template takes them."""
     run = source.run
-    kinds = _kinds_in_words(source)
+    kinds = ", ".join(_kinds(source))
     # How many pairs were fitted and held out; the first material stands for all.
     splits_in_words = [material.split_in_words for material in source.materials if material.measured]
     section: dict[str, Any] = {
@@ -354,10 +354,10 @@ def _section(source: Publication) -> dict[str, Any]:
     }
 
 
-def _kinds_in_words(source: Publication, material: str = "") -> str:
-    """The kinds of truth of a source or, if it is named, of one of its materials: "measured, rendered"."""
+def _kinds(source: Publication, material: str = "") -> list[str]:
+    """The kinds of truth of a source or, if it is named, of one of its materials, in order: measured, rendered."""
     kinds = set()
     for job in source.run.jobs:
         if job["status"] == "ok" and material in ("", job["material"]):
             kinds.add(kind_of(job))
-    return ", ".join(sorted(kinds, key=kind_order))
+    return sorted(kinds, key=kind_order)

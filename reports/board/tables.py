@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from bench.records import codec_of
 from reports import by_material
 from reports.board.sources import STATES, Publication
 from reports.front import in_words
@@ -110,7 +111,7 @@ def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
         for material in source.materials:
             measures = by_material.in_short(material)
             headers = [(measure.name, measure.unit) for measure in measures]
-            own = [row for row in material.rows if codec_of(row) == name]
+            own = [row for row in material.rows if codec_of(row.label) == name]
             # Each row alone; of one without numbers that may be compared, the cells are dashes.
             alone = [CodecRows(row.label, [row] if row.measured else []) for row in own]
             values = pd.DataFrame(by_material.rows_of(source.run, alone, measures), dtype=object)
@@ -122,11 +123,6 @@ def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
     headers = [("material", ""), ("results", ""), ("row", ""), *headers]
     headers += [(header, "") for header in _ORIGIN_HEADERS]
     return Table("rows", f"{name}: every row", headers, rows, [STATES], words=3)
-
-
-def codec_of(row: Row) -> str:
-    """The name of a row's codec, the first word of its label; of an external program this is the program's own name."""
-    return row.label.split(maxsplit=1)[0]
 
 
 def places(names: Iterable[str], sources: Sequence[Publication]) -> dict[str, list[Place]]:
@@ -156,7 +152,7 @@ def _of_all_settings(source: Publication) -> Iterator[Comparison]:
             psnr = psnr_of.get(codec.label, math.nan)  # NaN without a number that may be compared
             if not math.isnan(psnr):
                 size = round(fmean(row.job["bytes"]["total"] for row in codec.measured))
-                candidates.append(Candidate(codec_of(codec.rows[0]), Entry(codec.label, size, psnr)))
+                candidates.append(Candidate(codec_of(codec.rows[0].label), Entry(codec.label, size, psnr)))
         yield Comparison(material.name, source.name, candidates)
 
 
