@@ -6,6 +6,7 @@ grazing angles or highlights, in *groups* of one sort. A record is one extreme o
 sentence, and in `used` which share of what is allowed was used. Only codecs have versions.
 """
 
+from collections import Counter
 from collections.abc import Iterable
 
 from bench.records import FILE, STRESS, Run, Stress, load_run
@@ -19,10 +20,15 @@ FOLD = 36  # columns of a terminal for the name of an extreme
 
 
 def stress_tables(run: Run) -> list[Table]:
-    """The tables of a run's own stress records. Without any, those of the stress test in the folder beside the run,
-    of which only codecs of the run in the same version are shown: others are not the code that the run measured."""
+    """The tables of what was tried for a run."""
+    return tables(_tried(run))
+
+
+def _tried(run: Run) -> list[Stress]:
+    """A run's own stress records. Without any, those of the stress test in the folder beside the run, of which only
+    codecs of the run in the same version are chosen: others are not the code that the run measured."""
     if len(run.stress):
-        return tables(run.stress)
+        return list(run.stress)
     folder = run.folder.parent / STRESS
     is_this_run = folder.resolve() == run.folder.resolve()  # which has no such records, as said above
     if is_this_run or not (folder / FILE).is_file():
@@ -32,11 +38,8 @@ def stress_tables(run: Run) -> list[Table]:
         if job["status"] == "ok":
             fit_key = job.get("fit_key") or {}
             codec_versions.add((job["codec"], fit_key.get("version")))
-    records = []
-    for record in load_run(folder).stress:
-        if (record["subject"], record.get("version")) in codec_versions:
-            records.append(record)
-    return tables(records)
+    records = load_run(folder).stress
+    return [record for record in records if (record["subject"], record.get("version")) in codec_versions]
 
 
 def tables(records: Iterable[Stress]) -> list[Table]:
@@ -53,21 +56,13 @@ def tables(records: Iterable[Stress]) -> list[Table]:
 
 
 def summary(run: Run) -> str:
-    """One line that counts the verdicts in the cells of the tables; "" if nothing was tried.
-
-    A cell that has a figure alone counts as passed.
-    """
-    verdicts: list[str] = []
-    for table in stress_tables(run):
-        for row in table.rows:
-            cells = row[1:]  # after the name; those of a row that names a group are empty
-            verdicts += [cell for cell in cells if cell and cell != NONE]
+    """One line that counts the verdicts of the tables; "" if nothing was tried."""
+    # A codec or metric and an extreme that were tried again count once, as last tried.
+    verdicts = {(record["subject"], record["extreme"]): record["verdict"] for record in _tried(run)}
     if not verdicts:
         return ""
-    failed = sum(cell.startswith("FAIL") for cell in verdicts)
-    not_applicable = sum(cell.startswith("n/a") for cell in verdicts)
-    passed = len(verdicts) - failed - not_applicable
-    return f"Extremes (table stress): {passed} pass, {failed} fail, {not_applicable} not applicable."
+    count = Counter(verdicts.values())
+    return f"Extremes (table stress): {count['pass']} pass, {count['fail']} fail, {count['n/a']} not applicable."
 
 
 def _codecs_table(records: list[Stress]) -> Table:
