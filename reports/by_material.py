@@ -39,7 +39,7 @@ from reports.notes import common_notes, cost_notes, main_notes, quality_notes, s
 from reports.numbers import EXACT, NOT_APPLICABLE, NOT_COMPARABLE
 from reports.rows import CodecRows, MaterialRows, Row, facts_of, unit_and_arrow
 from reports.scene_models import scene_gains, scene_quality
-from reports.table import Spread, Table
+from reports.table import Apart, Spread, Table
 from reports.values import Column, written
 
 _DEVIATION = " ± {}"
@@ -337,7 +337,7 @@ def _scene_notes(material: MaterialRows) -> list[str]:
     count, height, width = scene["frames"]  # the number of frames, and their sides in pixels
     pictures = f"picture{'s' * (count != 1)}"
     return [
-        *scene_gains(material),
+        *map(Apart, scene_gains(material)),
         "Held out in the scene: PSNR of held-out pairs between pairs that the scene uses, weighted by its demand. No "
         "codec saw them; frames have a reference that is interpolated between training pairs, which are seen.",
         f"Frames: the scene's {count} {pictures} of {width} × {height}, rendered from the decoded file and compared "

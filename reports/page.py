@@ -24,7 +24,7 @@ from reports.figures import Figure
 from reports.html import TEMPLATES
 from reports.leads import leads
 from reports.live import live
-from reports.notes import missing_note, run_notes
+from reports.notes import run_notes
 from reports.numbers import EXACT, fixed, integer
 from reports.ranking import ranked
 from reports.rows import CodecRows, MaterialRows, Row, materials
@@ -32,7 +32,7 @@ from reports.scene_models import scene_gains
 from reports.scene_pictures import scene_strips
 from reports.shaders.writer import WIDTH
 from reports.styles import is_own
-from reports.table import Table
+from reports.table import Apart, Table
 from reports.viewer.page import Data, as_json, fragment, pack
 
 # Kinds of figures that the page does not hold: it draws the first four itself, and the others are too large.
@@ -217,7 +217,7 @@ class Page:
         order += [i for i in range(1, len(names)) if i not in (psnr, count)]
         if rows_differ:
             order.append(count)
-        notes = [note for note in table.notes if note != missing_note(self.run)]
+        notes = [note for note in table.notes if not isinstance(note, Apart)]
         return replace(table.of_columns(order), notes=notes)
 
     def scene(self, material: MaterialRows) -> Scene | None:
@@ -229,7 +229,7 @@ class Page:
         gains = list(scene_gains(material))
         without_gains = []  # the tables without the notes on gains, which the page shows above them
         for table in tables:
-            notes = [note for note in table.notes if note not in gains]
+            notes = [note for note in table.notes if not isinstance(note, Apart)]
             without_gains.append(replace(table, notes=notes))
         return Scene(name, gains, list(scene_strips(self.run, material)), without_gains)
 

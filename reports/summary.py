@@ -29,7 +29,7 @@ from reports.notes import (
 from reports.numbers import NONE, interval
 from reports.ranking import against_one, codecs_of, ranked, settings_of
 from reports.rows import MaterialRows, materials
-from reports.table import Note, OfData, Table
+from reports.table import Apart, Note, OfData, Table
 from reports.values import Column, Row, written
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "", stale: bo
     notes += left_out_notes(run)
     missing = missing_note(run)
     if missing:
-        notes.append(missing)
+        notes.append(Apart(missing))
     materials_in_words = ", ".join(material.name for material in measured)
     title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {materials_in_words}"
     return written("summary", title, pd.DataFrame(rows, dtype=object), columns, notes)

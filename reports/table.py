@@ -32,6 +32,10 @@ TERMS = {  # of headers, explained above the tables that have them
 Part = tuple[str, Callable[[str], bool]]
 
 
+class Apart(str):
+    """A note that a page shows elsewhere than below its table."""
+
+
 class Note(str):
     """A note as text, which also knows its parts, each about some columns.
 
