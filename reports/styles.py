@@ -16,7 +16,7 @@ from bench.records import Run, codec_of, shown_label
 COLOURS = (
     *("#006CA8", "#E47818", "#18A884", "#C0186C", "#9084FC", "#906C00", "#846054", "#009CB4", "#909084", "#B4849C"),
     *("#FC6060", "#007800", "#9000FC", "#849C00", "#FC30F0", "#6C6090", "#486C60", "#CC0000", "#0054FC", "#A830A8"),
-    *("#B454FC", "#9C4884"),
+    *("#B454FC", "#9C4884", "#A84854"),
 )
 # Colours of codecs from outside, which differ as much from the ones above. There are 3 colours and 14 markers, so that
 # no two of 42 such codecs share both.
@@ -26,20 +26,8 @@ LINES = ("-", "--", ":", "-.")
 # The codecs of the package. The place of each chooses its colour and marker: one added in the middle changes others.
 KNOWN = (
     *("pca", "neubtf", "neubtf-direct", "neumip", "relief", "rainer2019", "vq", "rainer2020", "mean-colour", "table"),
-    *(
-        "hsh",
-        "zeltner2024",
-        "tucker",
-        "triple-plane",
-        "ntc",
-        "biplane",
-        "bcf",
-        "svbrdf",
-        "hierarchical",
-        "neuralbtf",
-        "ptm",
-    ),
-    "local-pca",
+    *("hsh", "zeltner2024", "tucker", "triple-plane", "ntc", "biplane", "bcf", "svbrdf", "hierarchical", "neuralbtf"),
+    *("local-pca", "ptm", "pca-avif"),
 )
 
 
