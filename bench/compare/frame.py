@@ -180,7 +180,7 @@ def _rows(run: Run, on_gpu: Mapping[str, Timing], records: bool = True) -> Itera
             "line": line_of(job),
             "label": job["label"],
             "setting": setting_of(job),
-            "seed": job["seed"],
+            "seed": job.get("seed"),  # scores of a file that was not fitted in a run have none
             "job": name,
             "status": job["status"],
             "why": reasons.get(name, ""),

@@ -40,7 +40,7 @@ def origin(entry: EntryPoint) -> str:
 
 
 def called(entry: EntryPoint, kind: str) -> str:
-    """The name of what an entry point adds in errors, with its distribution: `codec ptm of ptm-codec 1.0`."""
+    """The name of what an entry point adds in errors, with its distribution: `codec mine of my-package 1.0`."""
     return f"{kind} {entry.name} of {origin(entry)}"
 
 

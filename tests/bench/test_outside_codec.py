@@ -28,7 +28,7 @@ def blocks(language):
 def installed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("outside")
     (folder / "source").mkdir()
-    (folder / "source" / "ptm_codec.py").write_text(blocks("python")[0], encoding="utf-8")
+    (folder / "source" / "polynomial_codec.py").write_text(blocks("python")[0], encoding="utf-8")
     (folder / "source" / "pyproject.toml").write_text(blocks("toml")[0], encoding="utf-8")
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
     subprocess.run([*pip, "--target", folder / "site", folder / "source"], check=True)
@@ -43,12 +43,12 @@ def neubtf_bench(environment, *words):
 def test_its_files_are_refused_by_name_where_it_is_not_installed(installed, tmp_path):
     file = tmp_path / "a.nbtf"
     size = [part for key in ("size=8", "views=4", "lights=4", "heldout=2") for part in ("--set", f"data.{key}")]
-    done = neubtf_bench(installed, "encode", "satin", "--codec", "ptm", "-o", file, *size)
+    done = neubtf_bench(installed, "encode", "satin", "--codec", "polynomial", "-o", file, *size)
     assert done.returncode == 0, done.stderr
-    assert re.search(r"^  ptm +Polynomial texture map", neubtf_bench(installed, "list", "codecs").stdout, re.M)
+    assert re.search(r"^  polynomial +Polynomial texture map", neubtf_bench(installed, "list", "codecs").stdout, re.M)
     without = neubtf_bench(installed | {"PYTHONPATH": ""}, "info", file)
     assert without.returncode == 2
-    assert "no codec named 'ptm' is installed" in without.stderr
+    assert "no codec named 'polynomial' is installed" in without.stderr
 
 
 def test_the_public_interface_holds_what_the_page_lists():
@@ -60,10 +60,10 @@ def test_the_public_interface_holds_what_the_page_lists():
 
 
 def test_a_new_codec_is_the_one_of_the_page_and_passes_the_conformance_test(tmp_path):
-    assert cli.main(["new", "codec", "ptm", "--out", str(tmp_path)]) == 0
-    written = {path.name: path.read_text() for path in (tmp_path / "ptm-codec").iterdir()}
-    assert written["ptm_codec.py"].replace("Ptm", "PTM") == blocks("python")[0]
-    assert written["pyproject.toml"].replace("Ptm", "PTM") == blocks("toml")[0]
+    assert cli.main(["new", "codec", "polynomial", "--out", str(tmp_path)]) == 0
+    written = {path.name: path.read_text() for path in (tmp_path / "polynomial-codec").iterdir()}
+    assert written["polynomial_codec.py"] == blocks("python")[0]
+    assert written["pyproject.toml"] == blocks("toml")[0]
     assert cli.main(["new", "codec", "my-codec", "--out", str(tmp_path)]) == 0
     text = (tmp_path / "my-codec-codec" / "my_codec_codec.py").read_text()
     site = install(tmp_path / "site", "mine", {"my-codec": "my_codec_codec:MyCodec"}, {"my_codec_codec": text})
@@ -116,11 +116,11 @@ def test_a_new_neural_codec_passes_the_test_and_a_killed_fit_of_it_goes_on(tmp_p
 
 def test_ci_installs_the_codec_from_where_new_codec_put_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["new", "codec", "ptm"]) == 0
-    assert cli.main(["new", "ci", "ptm"]) == 0
-    assert "pip install ./neubtf-bench ./ptm-codec --extra" in Path(".github/workflows/quality.yml").read_text()
+    assert cli.main(["new", "codec", "polynomial"]) == 0
+    assert cli.main(["new", "ci", "polynomial"]) == 0
+    assert "pip install ./neubtf-bench ./polynomial-codec --extra" in Path(".github/workflows/quality.yml").read_text()
     assert len(load_suite("tracking.toml").seeds) == 6
-    assert cli.main(["new", "ci", "ptm", "--neural"]) == 2
+    assert cli.main(["new", "ci", "polynomial", "--neural"]) == 2
     assert "--neural: only `new codec` has it" in capsys.readouterr().err
 
 

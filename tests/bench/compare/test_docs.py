@@ -25,5 +25,5 @@ def test_the_workflow_is_one_that_github_accepts(tmp_path):
 def test_the_suite_of_the_page_is_a_suite():
     (toml,) = blocks("toml")
     suite = parse_suite("tracking", toml)
-    assert suite.codecs[1].codec == "ptm"
+    assert suite.codecs[1].codec == "polynomial"
     assert suite.data.split == "validation"  # or margins would be those of pairs, ten times those of fits
