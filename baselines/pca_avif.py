@@ -44,7 +44,7 @@ class PCAAvif(PCA):
 
     @dataclass(frozen=True)
     class Settings(PCA.Settings):
-        quality: Annotated[int, Range(1, 100)] = 70  # of the picture, as its encoder counts it
+        quality: Annotated[int, Range(1, 100)] = 80  # of the picture, as its encoder counts it
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """The parts of `pca`, with the coefficients (H, W, k) as the bytes of a picture (k · H, W)."""
