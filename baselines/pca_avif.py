@@ -1,8 +1,8 @@
 """The coefficients of `pca` as one AVIF picture: a bound on bytes without random access, as papers quote it.
 
 A renderer cannot fetch a texel of the file: all coefficients are decoded before the first query. The picture has the k
-coefficients of each texel as k grey pictures of 8 bits, one below the other. All share one step of error: a code of a
-component counts the more, the smaller its part of an answer is.
+coefficients of each texel as k grey pictures of 8 bits, one below the other. Their steps differ so that one code more
+changes answers equally in each: a component that adds little spans few codes.
 """
 
 import io
@@ -117,5 +117,5 @@ def _of_avif(data: bytes, size: tuple[int, int]) -> np.ndarray:
                     f"a picture of {picture.size[1]} × {picture.size[0]} pixels, not {size[0]} × {size[1]}"
                 )
             return np.asarray(picture.convert("L"), np.float32)
-    except (OSError, SyntaxError, RuntimeError) as error:
+    except (OSError, SyntaxError, RuntimeError, Image.DecompressionBombError) as error:
         raise ValueError(f"the coefficients are no AVIF picture: {error}") from error

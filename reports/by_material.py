@@ -471,7 +471,7 @@ def _records(run: Run, jobs: list[str], measures: Sequence[Measure]) -> dict[str
 
 
 def _names(names: Iterable[str]) -> pd.Index:
-    """Names as objects, because strings of pandas cannot hold all that a record may, such as half of a character."""
+    """Names as objects, as the texts of a frame of results are."""
     return pd.Index(list(names), dtype=object)
 
 

@@ -62,7 +62,7 @@ def planned_jobs(start: RunStart) -> Iterator[PlannedJob]:
     for name in start.get("jobs", []):
         material, _, rest = name.partition("/")
         label, _, seed = rest.rpartition("/")
-        yield PlannedJob(name, material, label.split(" ")[0], label, int(seed) if seed.isdecimal() else None)
+        yield PlannedJob(name, material, codec_of(label), label, int(seed) if seed.isdecimal() else None)
 
 
 def codec_of(label: str) -> str:
