@@ -198,20 +198,27 @@ class Material:
 
     def slice(self, wo: Sequence[float], wi: Sequence[float], size: tuple[int, int] | None = None) -> Tensor:
         """The picture (H, W, 3) of one pair at the texel centres of `size`, each with a footprint of one texel."""
-        return self.boxes(wo, wi, 1, size)
+        return self.boxes(wo, wi, [1], size)[1]
 
     def boxes(
-        self, wo: Sequence[float], wi: Sequence[float], factor: int, size: tuple[int, int] | None = None
-    ) -> Tensor:
-        """The picture (H // factor, W // factor, 3) of one pair, of `size` (H, W) averaged over factor × factor texels.
+        self, wo: Sequence[float], wi: Sequence[float], factors: Sequence[int], size: tuple[int, int] | None = None
+    ) -> dict[int, Tensor]:
+        """The pictures of one pair, of `size` (H, W) averaged over boxes of factor × factor texels, by factor:
+        (H // factor, W // factor, 3) each.
 
         Each box is one query at its centre, with the box as footprint. Boxes are those of `bench.btf.box_filter`.
         """
         height, width = size or self.size
-        uv = box_centres((height, width), factor)
+        places = [box_centres((height, width), factor) for factor in factors]
+        counts = [len(centres) for centres in places]
+        # All boxes are one batch: a batch of the few boxes of a large factor takes as long as one of many.
+        uv = torch.cat(places)
+        footprints = [
+            torch.full((count,), factor / max(height, width)) for factor, count in zip(factors, counts, strict=True)
+        ]
         view, light = (torch.as_tensor(w, dtype=torch.float32).expand(len(uv), 3) for w in (wo, wi))
-        footprint = factor / max(height, width)
-        return self.query(uv, view, light, footprint).reshape(height // factor, width // factor, 3)
+        answers = self.query(uv, view, light, torch.cat(footprints)).split(counts)
+        return {f: rgb.reshape(height // f, width // f, 3) for f, rgb in zip(factors, answers, strict=True)}
 
 
 class Wrapped(Material):

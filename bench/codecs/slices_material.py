@@ -45,8 +45,8 @@ class SlicesMaterial(Material):
             self.pair_of[tuple(directions)] = pair
 
     def boxes(
-        self, wo: Sequence[float], wi: Sequence[float], factor: int, size: tuple[int, int] | None = None
-    ) -> Tensor:
+        self, wo: Sequence[float], wi: Sequence[float], factors: Sequence[int], size: tuple[int, int] | None = None
+    ) -> dict[int, Tensor]:
         """The stored slice of a pair, which must be one of `truth`; its size is always its own, whatever `size` is."""
-        pair = self.pair_of[*wo, *wi]
-        return torch.from_numpy(box_filter(self.decoded[pair], factor)).clamp_min(0)
+        decoded = self.decoded[self.pair_of[*wo, *wi]]
+        return {factor: torch.from_numpy(box_filter(decoded, factor)).clamp_min(0) for factor in factors}

@@ -10,7 +10,7 @@ Decoded slices arrive as NumPy arrays; the decoder runs in the calling thread, t
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -276,22 +276,23 @@ def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]
 def footprint_errors(
     btf: BTF,
     pairs: Sequence[int] | Array,
-    decode: Callable[[int, int], Array],
+    decode: Callable[[int, Sequence[int]], Mapping[int, Array]],
     exposure: float,
     factors: Sequence[int] = (1, 2, 4, 8),
 ) -> dict[int, Array]:
     """The squared display error of each pair at footprints of some texels, against box-filtered truth.
 
-    `decode(i, factor)` gives pair i at that footprint, linear radiance (H // factor, W // factor, 3): one answer for
-    each whole box of factor × factor texels, asked at the centre of that box (`bench.material.box_centres`). A factor
-    that exceeds the picture is left out. Raises `InputError` as `Scorer.score` does.
+    `decode(i, factors)` gives pair i at each of these footprints, linear radiance (H // factor, W // factor, 3): one
+    answer for each whole box of factor × factor texels, asked at the centre of that box (`bench.material.box_centres`).
+    A factor that exceeds the picture is left out. Raises `InputError` as `Scorer.score` does.
     """
     errors: dict[int, list[float]] = {factor: [] for factor in factors if factor <= min(btf.shape)}
     for pair in np.asarray(pairs).tolist():
         truth = btf[pair]
+        decoded = decode(pair, list(errors))
         for factor, squared in errors.items():
             coarse_truth = box_filter(truth, factor)
-            test = _decoded(decode(pair, factor), coarse_truth.shape, f"pair {pair} at footprint {factor}")
+            test = _decoded(decoded[factor], coarse_truth.shape, f"pair {pair} at footprint {factor}")
             squared.append(display_error(coarse_truth, test, exposure))
     return {factor: np.array(squared) for factor, squared in errors.items()}
 

@@ -8,7 +8,7 @@ seen from afar. *Between* texels, a few held-out pairs are scored half a texel o
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -28,7 +28,7 @@ from bench.codecs.slices_material import SlicesMaterial
 from bench.directions.hemisphere import to_degrees
 from bench.inputs.errors import ContainerError, InputError
 from bench.machine.threads import torch_threads
-from bench.material import Material, box_centres, parameters, resident_bytes
+from bench.material import Material, parameters, resident_bytes, texel_centres
 from bench.metrics import get as get_metric
 from bench.metrics import metric_of, read_scores, scoring
 from bench.metrics.description import Metric
@@ -116,7 +116,7 @@ def record_of_scores(
     with torch_threads(threads):
         scores = workbench.scorer.score(workbench.scored, decoder.slice_with_progress)
         lowest = _at_low_light(workbench, decoder)
-        coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.slice, workbench.exposure, COARSE)
+        coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.boxes, workbench.exposure, COARSE)
         between = _between_texels(workbench, decoder)
         pictures = _pictures(workbench, decoder)
         in_scene = _in_scene(workbench, material)
@@ -196,7 +196,7 @@ def _between_texels(workbench: Workbench, decoder: "Slices") -> Between | None:
     if truth is None or isinstance(decoder.material, SlicesMaterial):
         return None
     between = scoring.footprint_errors(truth, range(len(truth)), decoder.between, workbench.exposure, [1])
-    centres = scoring.footprint_errors(workbench.btf, workbench.at_centres, decoder.slice, workbench.exposure, [1])
+    centres = scoring.footprint_errors(workbench.btf, workbench.at_centres, decoder.boxes, workbench.exposure, [1])
     # A slice without an error counts, too, so the means are numbers.
     means = [cast(float, scoring.summarise_footprints(errors)["1"]["mean"]) for errors in (between, centres)]
     return {"mean": means[0], "centres": means[1], "slices": len(truth)}
@@ -242,20 +242,26 @@ class Slices:
     material: Material
     show: Progress
 
-    def slice(self, pair: int, factor: int = 1) -> np.ndarray:
-        """Linear radiance (H // factor, W // factor, 3) of one pair: means over whole boxes of factor² texels."""
-        btf = self.workbench.btf
-        return self.material.boxes(btf.wo[pair].tolist(), btf.wi[pair].tolist(), factor, btf.shape).numpy()
+    def slice(self, pair: int) -> np.ndarray:
+        """Linear radiance (H, W, 3) of one pair."""
+        return self.boxes(pair, [1])[1]
 
-    def between(self, number: int, factor: int = 1) -> np.ndarray:
-        """Linear radiance (H // factor, W // factor, 3) of pair `number` of `BTF.between`: one answer for each box of
-        factor² texels, half a texel down and to the right of its centre."""
+    def boxes(self, pair: int, factors: Sequence[int]) -> dict[int, np.ndarray]:
+        """Linear radiance (H // factor, W // factor, 3) of one pair by factor: means over whole boxes of factor²
+        texels."""
+        btf = self.workbench.btf
+        answers = self.material.boxes(btf.wo[pair].tolist(), btf.wi[pair].tolist(), factors, btf.shape)
+        return {factor: rgb.numpy() for factor, rgb in answers.items()}
+
+    def between(self, number: int, factors: Sequence[int] = (1,)) -> dict[int, np.ndarray]:
+        """Linear radiance (H, W, 3) of pair `number` of `BTF.between`, half a texel down and to the right of texel
+        centres, as factor 1."""
         truth = cast(BTF, self.workbench.btf.between)
         height, width = truth.shape
-        uv = box_centres(truth.shape, factor) + torch.tensor([0.5 / width, -0.5 / height])
+        uv = texel_centres(height, width) + torch.tensor([0.5 / width, -0.5 / height])
         wo, wi = (torch.tensor(side[number]).expand(len(uv), 3) for side in (truth.wo, truth.wi))
-        answers = self.material.query(uv, wo, wi, factor / max(height, width))
-        return answers.reshape(height // factor, width // factor, 3).numpy()
+        answers = self.material.query(uv, wo, wi, 1 / max(height, width))
+        return {1: answers.reshape(height, width, 3).numpy()}
 
     def slice_with_progress(self, pair: int) -> np.ndarray:
         """The slice of one pair; also moves the progress bar."""

@@ -102,8 +102,9 @@ def test_boxes_are_asked_where_their_texels_are():
     assert box_centres((5, 7), 2)[:, 0].tolist() == pytest.approx([1 / 7, 3 / 7, 5 / 7] * 2)
     assert box_centres((5, 7), 2)[::3, 1].tolist() == pytest.approx([1 - 1 / 5, 1 - 3 / 5])
     material = Constant()
-    assert material.boxes([0, 0, 1], [0, 0, 1], 2, (5, 7)).shape == (2, 3, 3)
-    assert material.seen[0][3].unique().tolist() == [pytest.approx(2 / 7)]
+    pictures = material.boxes([0, 0, 1], [0, 0, 1], [2, 4], (5, 7))
+    assert {factor: tuple(picture.shape) for factor, picture in pictures.items()} == {2: (2, 3, 3), 4: (1, 1, 3)}
+    assert material.seen[0][3].tolist() == pytest.approx([2 / 7] * 6 + [4 / 7])
 
 
 def test_a_texture_at_its_texel_centres_is_itself_and_linear_between():

@@ -190,14 +190,19 @@ def test_exact_slices_are_counted_and_have_the_most_decibels():
     json.dumps(table, allow_nan=False)
 
 
+def boxes_of(pictures):
+    """What decodes pair i of these pictures at some footprints."""
+    return lambda i, factors: {factor: box_filter(pictures[i], factor) for factor in factors}
+
+
 def test_footprints_are_compared_with_box_filtered_truth():
     btf, decoded = make(shape=(16, 18))
-    summary = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(btf[i], f), 0.5))
+    summary = summarise_footprints(footprint_errors(btf, [1, 4], boxes_of(btf), 0.5))
     assert list(summary) == ["1", "2", "4", "8"]
     assert all(
         entry == {"psnr_display": MOST_DB, "mean": MOST_DB, "exact": 2, "slices": 2} for entry in summary.values()
     )
-    summary = summarise_footprints(footprint_errors(btf, [1, 4], lambda i, f: box_filter(decoded[i], f), 0.5))
+    summary = summarise_footprints(footprint_errors(btf, [1, 4], boxes_of(decoded), 0.5))
     # Averaging removes independent noise, so the error falls with the footprint.
     values = [entry["psnr_display"] for entry in summary.values()]
     assert values == sorted(values)
@@ -207,6 +212,6 @@ def test_footprints_are_compared_with_box_filtered_truth():
 
 def test_a_footprint_larger_than_the_picture_is_left_out_and_a_wrong_size_refused():
     btf, decoded = make(shape=(4, 4))
-    assert list(footprint_errors(btf, [0], lambda i, f: box_filter(decoded[i], f), 1.0)) == [1, 2, 4]
+    assert list(footprint_errors(btf, [0], boxes_of(decoded), 1.0)) == [1, 2, 4]
     with pytest.raises(InputError, match="pair 0 at footprint 2"):
-        footprint_errors(btf, [0], lambda i, f: decoded[i], 1.0)
+        footprint_errors(btf, [0], lambda i, factors: dict.fromkeys(factors, decoded[i]), 1.0)
