@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from bench.metrics.display import LUMA
 from neubtf.autoencoder import STRIDE
 
 LEAST_BLUR = 1e-3  # σ in texels, which leaves a picture as it is
@@ -196,21 +197,35 @@ def _fitting(side: int) -> int:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Disturbances of only the input: random hue rotation, Gaussian blur, Gaussian noise."""
+    """Disturbances of only the input: random hue rotation and saturation, Gaussian blur, Gaussian noise."""
 
     hue: float = 1.0  # largest turn, in turns
+    saturation: float = 1.0  # largest change: the distance from grey is multiplied by 1 less to 1 more
     blur: float = 1.0  # largest σ in texels
     noise: float = 0.05  # largest σ, for pictures from 0 to 1
 
     def disturbed(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], each disturbed at random, within [0, 1]."""
-        hue, blur, noise = torch.rand(3, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
-        pictures = turned(pictures, self.hue * hue)
+        pictures = self.recoloured(pictures, generator)
+        blur, noise = torch.rand(2, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
         if self.blur:
             pictures = blurred(pictures, self.blur * blur)
         grain = torch.randn(pictures.shape, generator=generator).to(pictures.device, non_blocking=True)
         strength = (self.noise * noise).to(pictures, non_blocking=True)
         return (pictures + strength[:, None, None, None] * grain).clamp(0, 1)
+
+    def recoloured(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
+        """Pictures (B, 3, H, W) in [0, 1], each at random in other colours, within [0, 1]."""
+        hue, saturation = torch.rand(2, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
+        return saturated(turned(pictures, self.hue * hue), 1 + self.saturation * (2 * saturation - 1))
+
+
+def saturated(pictures: Tensor, factor: Tensor) -> Tensor:
+    """Pictures (B, 3, H, W), the distance of each from its grey times factors (B,), clipped to [0, 1]; 0 gives grey."""
+    luminance = torch.from_numpy(LUMA).to(pictures, non_blocking=True)
+    grey = torch.einsum("c,bchw->bhw", luminance, pictures)[:, None]
+    factor = factor.to(pictures, non_blocking=True)[:, None, None, None]
+    return (grey + factor * (pictures - grey)).clamp(0, 1)
 
 
 def turned(pictures: Tensor, turn: Tensor) -> Tensor:

@@ -51,10 +51,10 @@ class NeuBTF(Codec):
     }
     """
 
-    name, version = "neubtf", 5
+    name, version = "neubtf", 6
     sizes = ("latents", "width")
     recipes: ClassVar = {"paper": PAPER}
-    recipe_versions: ClassVar = {"paper": 6}
+    recipe_versions: ClassVar = {"paper": 7}
 
     @dataclass(frozen=True)
     class Settings(StagedSettings):

@@ -48,11 +48,12 @@ class StagedSettings(NetworkSettings, RendererSettings):
     direct: Share = 0.6  # share of the steps that fit texture and renderer without the autoencoder
     taught: Share = 0.2  # share of the steps that teach the autoencoder this texture; the rest is guided
     explore: Share = 0.25  # share of the steps whose input is a random slice, disturbed; the others see the guidance
+    recolour: Share = 0.25  # share of those others that see the guidance in other colours, so that grey ones guide, too
     explore_weight: NotNegative = 0.2  # weight of the loss of such a step, relative to steps that see the guidance
     batch: BatchSize = 4_096  # number of single samples in a step
     slices: Annotated[int, Range(1, 1024)] = 16  # "paper": elements of a step, each with an input of its own
     targets: Annotated[int, Range(1, 1024)] = 1  # "paper": target slices of an element
-    texel_pairs: Annotated[int, Range(0, 1024)] = 0  # "paper": pairs a texel of the pixels' loss; 0: those of targets
+    texel_pairs: Annotated[int, Range(0, 1024)] = 0  # "paper": pairs a texel of the pixels' loss; 0, as printed: the targets'
     crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step uses of a larger picture
     around: Annotated[int, Range(0, 64)] = 16  # texels around a crop that only the autoencoder sees
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # least scale of an input, and so of later guidance
@@ -67,10 +68,11 @@ class StagedSettings(NetworkSettings, RendererSettings):
     style: NotNegative = 0.3  # "paper": weight of the difference of Gram matrices
     frequency: NotNegative = 0.05  # "paper": weight of the focal frequency loss
     hue: NotNegative = 1.0  # largest turn of an input's hue, in turns
+    saturation: NotNegative = 1.0  # largest change of an input's saturation, which is multiplied by 1 less to 1 more
     blur: NotNegative = 1.0  # largest blur of an input, σ in texels
     noise: NotNegative = 0.05  # largest noise of an input, σ
     keep_encoder: bool = False  # store the autoencoder, for new textures
-    recipe: Literal["ours", "paper"] = "ours"  # "paper": everything as published, end to end; see docs/neubtf.md
+    recipe: Literal["ours", "paper"] = "ours"  # "paper": as published, see docs/neubtf.md, but for `texel_pairs`
 
     def __post_init__(self) -> None:
         """Raise `InputError` if no steps are left for the last stage, or if there is no texture to teach."""
@@ -107,7 +109,7 @@ class Guided(Objective):
         self.encoder = encoder
         self.renderer = Decoder(settings.architecture, generator)
         self.renderer.start_at(samples.mean(generator), everywhere=settings.init == "faint")
-        self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
+        self.disturbance = Disturbance(settings.hue, settings.saturation, settings.blur, settings.noise)
         self.guidance = nn.Buffer(guidance, persistent=False)
 
     def stored_networks(self) -> list[nn.Module]:
@@ -204,7 +206,8 @@ class Staged(Guided):
                 return self._guided(generator)
 
     def example(self, smallest: float, generator: torch.Generator) -> Example:
-        """A random slice, disturbed, at a scale of at least `smallest`; or the guidance, at its own scale."""
+        """A random slice, disturbed, at a scale of at least `smallest`; or the guidance, at its own scale, sometimes in
+        other colours."""
         samples, settings = self.samples, self.settings
         exploring = float(torch.rand((), generator=generator)) < settings.explore
         scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
@@ -214,6 +217,8 @@ class Staged(Guided):
         texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
         if not exploring:
             picture = pictures(by_texel(self.guidance)[texels], window.size)
+            if float(torch.rand((), generator=generator)) < settings.recolour:
+                picture = self.disturbance.recoloured(picture, generator)
             return Example(window, texels, picture, pair=None)
         pair = int(torch.randint(samples.pairs, (), generator=generator))
         slice_window = displayed(self.window_of_slices(window, texels, torch.tensor([pair])))

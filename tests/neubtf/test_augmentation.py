@@ -6,7 +6,8 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from neubtf.augmentation import Crop, Disturbance, blurred, draw_scale, taps_of, turned
+from bench.metrics.display import LUMA
+from neubtf.augmentation import Crop, Disturbance, blurred, draw_scale, saturated, taps_of, turned
 from neubtf.autoencoder import STRIDE, Autoencoder, Pooled
 
 
@@ -135,4 +136,15 @@ def test_a_disturbance_is_seeded_and_stays_in_range() -> None:
     assert not one.equal(Disturbance().disturbed(picture(), generator(2)))
     assert one.min() >= 0
     assert one.max() <= 1
-    assert Disturbance(0, 0, 0).disturbed(picture(), generator(1)).allclose(picture())
+    assert Disturbance(0, 0, 0, 0).disturbed(picture(), generator(1)).allclose(picture())
+
+
+def test_saturation_goes_from_grey_through_the_picture_to_more() -> None:
+    three = saturated(picture().repeat(3, 1, 1, 1), torch.tensor([0.0, 1.0, 1.5]))
+    grey = (picture()[0] * torch.tensor(LUMA).float()[:, None, None]).sum(0)
+    torch.testing.assert_close(three[0], grey.expand(3, -1, -1))
+    torch.testing.assert_close(three[1], picture()[0])
+    assert (three[2] - grey).abs().mean() > 1.1 * (three[1] - grey).abs().mean()
+    colours = Disturbance(blur=0, noise=0).disturbed(picture().repeat(200, 1, 1, 1), generator(1))
+    spread = (colours - colours.mean(1, keepdim=True)).abs().mean((1, 2, 3))  # of each picture over its channels
+    assert spread.min() < 0.1 * spread.median()  # some are almost grey

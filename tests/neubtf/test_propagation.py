@@ -9,6 +9,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
+import bench
 from bench import cli
 from bench.codec import Fit
 from bench.codecs import container, loading
@@ -89,6 +90,19 @@ def test_its_own_guidance_gives_the_same_material(file: Path, own: Path, tmp_pat
     torch.testing.assert_close(ours.texture["latents"], theirs.texture["latents"], rtol=0, atol=ROUNDING)
     assert ours.decoder["weights"].equal(theirs.decoder["weights"])
     assert ours.encoder == {}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("settings", [{}, {"recipe": "paper", "crop": 16}], ids=["ours", "paper"])
+def test_a_grey_copy_of_the_own_guidance_guides_within_a_decibel(settings: dict, tmp_path: Path, capsys) -> None:
+    """Without random saturation it loses 6 dB by our recipe and 7 by the paper's."""
+    btf = bench.open("satin", size=64, directions="ubo2003", views=25, lights=25, heldout=150, split="validation")
+    file, grey, out = (tmp_path / name for name in ("satin.nbtf", "grey.png", "grey.nbtf"))
+    bench.encode(btf, "neubtf", file, steps=600, keep_encoder=True, **settings)
+    Image.fromarray(FittedMaterial.read(file).guidance.numpy()).convert("L").save(grey)
+    assert propagate(file, grey, out) == 0
+    own, copy = (bench.score(path, btf)["scores"]["heldout"]["metrics"]["psnr_display"]["mean"] for path in (file, out))
+    assert copy > own - 1
 
 
 def test_the_new_file_is_a_material_like_any_other(file: Path, tmp_path: Path, capsys) -> None:
