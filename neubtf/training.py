@@ -53,7 +53,7 @@ class StagedSettings(NetworkSettings, RendererSettings):
     batch: BatchSize = 4_096  # number of single samples in a step
     slices: Annotated[int, Range(1, 1024)] = 16  # "paper": elements of a step, each with an input of its own
     targets: Annotated[int, Range(1, 1024)] = 1  # "paper": target slices of an element
-    texel_pairs: Annotated[int, Range(0, 1024)] = 0  # "paper": pairs a texel of the pixels' loss; 0, as printed: the targets'
+    texel_pairs: Annotated[int, Range(0, 1024)] = 0  # "paper": pairs a texel of the pixels' loss; 0: the targets'
     crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step uses of a larger picture
     around: Annotated[int, Range(0, 64)] = 16  # texels around a crop that only the autoencoder sees
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # least scale of an input, and so of later guidance
