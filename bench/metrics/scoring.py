@@ -287,6 +287,8 @@ def footprint_errors(
     A factor that exceeds the picture is left out. Raises `InputError` as `Scorer.score` does.
     """
     errors: dict[int, list[float]] = {factor: [] for factor in factors if factor <= min(btf.shape)}
+    if not errors:  # a picture smaller than every box
+        return {}
     for pair in np.asarray(pairs).tolist():
         truth = btf[pair]
         decoded = decode(pair, list(errors))

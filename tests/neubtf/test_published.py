@@ -70,7 +70,7 @@ WINDOWS = [
 @pytest.mark.parametrize("windows", WINDOWS)
 def test_slices_and_single_pairs_are_the_radiance_of_the_window(windows: list[Crop]) -> None:
     """A window's texel is a mean of those of its source, in the slices of its pairs as at a pair of its own."""
-    fitting = published(hue=0, blur=0, noise=0, targets=3)
+    fitting = published(hue=0, saturation=0, blur=0, noise=0, targets=3)
     elements = fitting.elements(windows, generator())
     count = len(windows) * windows[0].size[0] * windows[0].size[1]
     pairs = torch.randint(81, (count,), generator=generator(1)).view(len(windows), -1)
@@ -93,7 +93,7 @@ def half_dark() -> BTF:
 
 def test_a_crop_of_an_input_has_the_exposure_of_its_slice_not_its_own() -> None:
     """The dark half stays dark: a whole photograph is brought to the guidance's mean, not each of its crops."""
-    fitting = published(half_dark(), hue=0, blur=0, noise=0)
+    fitting = published(half_dark(), hue=0, saturation=0, blur=0, noise=0)
     guidance = float(decode_srgb(np.full(1, 0.3))[0])
     dark, bright = (Crop((0, col), (8, 8), (8, 8)) for col in (0, 8))
     elements = fitting.elements([dark, bright] * 10, generator())
@@ -112,7 +112,7 @@ def test_the_mean_of_a_slice_is_that_of_what_is_displayed() -> None:
 
 
 def test_the_papers_recipe_shows_every_slice_at_the_guidances_brightness() -> None:
-    fitting = published(hue=0, blur=0, noise=0, keep_scale=1)
+    fitting = published(hue=0, saturation=0, blur=0, noise=0, keep_scale=1)
     pictures = fitting.elements([Crop((0, 0), (16, 16), (16, 16))] * 20, generator()).picture
     guidance = float(decode_srgb(np.full(1, 0.3))[0])
     np.testing.assert_allclose(decode_srgb(pictures.numpy()).mean((1, 2, 3)), np.full(20, guidance), rtol=0.1)
@@ -131,10 +131,12 @@ def test_the_guidance_of_a_file_is_the_slice_whose_texture_answers_best() -> Non
         optimiser.step()
     samples, fit = fitting.samples, Fit()
     batch = samples.draw(COMPARED, fit.generator())
-    errors = {}
+    pictures = [fitting.guidance.clone()]
     for pair in range(0, 81, 2):  # at most 64 of 81
         level = fitting.exposed(slice_of(samples, pair), torch.tensor([pair]))
-        picture = as_guidance(eight_bits(displayed(level)))
+        pictures.append(as_guidance(eight_bits(displayed(level))))
+    errors = {}
+    for picture in pictures:
         with torch.no_grad():
             ours = fitting.rendered(by_texel(fitting.encoder(picture)), batch.texel, batch.pair)
         errors[picture] = float((ours - batch.target).abs().mean())
