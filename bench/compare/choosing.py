@@ -22,11 +22,13 @@ from bench.records import (
     Run,
     Statistics,
     Timing,
+    codec_of,
     deciding_group,
     view,
 )
 
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
+UNCOMPRESSED = "table"  # the codec whose file is the BTF itself: a bound for others, and no choice
 TIE_DB = 0.02  # what rounding changes between executions of one file, and more: nobody sees it
 
 
@@ -120,10 +122,12 @@ def has_validation(job: Job) -> bool:
 
 def usable_rungs(choices: list[Timing], material: str) -> list[Rung]:
     """The choices of a material that have scores of validation pairs, as rungs: sizes are in bytes, and times those of
-    `longest_ns`."""
+    `longest_ns`. The uncompressed table is none."""
     rungs = []
     for row in choices:
         if row["material"] != material or "error" in row:  # one with an error was not measured
+            continue
+        if codec_of(row["label"]) == UNCOMPRESSED:
             continue
         validation = row.get("validation", {})
         mean = validation.get("mean")  # None if no slice has an error, so that PSNR is infinite
