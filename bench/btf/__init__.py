@@ -31,6 +31,7 @@ from bench.inputs.errors import InputError
 # The `source` of a provenance. These words are part of fingerprints, so they stay, however our packages are called.
 RENDERED = "rendered by bench.materials"
 BAKED = "baked from maps by bench.bake"
+HOLDOUT = 0.125  # the share of the views, and of the lights, that `BTF.split` holds out by default
 MASKS = ("heldout", "validation", "low_light")  # of pairs that no codec trains on: fields of a BTF
 SAME_DIRECTION = 1e-6  # the largest distance of two unit vectors that count as one direction
 MANY_TEXELS = 4_096  # that are read at once: more are picked out of whole slices
@@ -306,6 +307,8 @@ class BTF:
     `wo` and `wi` are (N, 3) float32, `shape` is (H, W), `len(btf)` is N and `btf[i]` the slice (H, W, 3) float32.
     `heldout`, where declared, is an (N,) mask of pairs that no codec may train on; `validation`, of those that choose;
     `low_light`, of pairs lit lower than any that is trained on, which belong to none of these.
+    `holdout`, from 0 to below 1, is the share of the views and of the lights that `split` holds out where no `heldout`
+    is declared.
     `periodic` says that the picture wraps around without a seam, as every rendered material does.
     `between`, of some rendered materials, is a BTF of a few held-out pairs half a texel down and to the right of the
     texel centres. No fit and no other BTF made from this one has it, and the fingerprint leaves it out.
@@ -319,6 +322,7 @@ class BTF:
     heldout: Array | None = None
     validation: Array | None = None
     low_light: Array | None = None
+    holdout: float = HOLDOUT
     periodic: bool = False
     between: "BTF | None" = None
     provenance: dict[str, Any] = field(default_factory=dict)
@@ -437,7 +441,7 @@ class BTF:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hex digest of content, pairs, directions and declared split; two BTFs that share it hold the same table.
+        """Hex digest of content, pairs, directions and split; two BTFs that share it hold the same table.
 
         Pairs of low light are not part of it: they decide nothing, so scores with and without them are comparable.
         """
@@ -451,14 +455,18 @@ class BTF:
         # A mask without a pair says the same as no mask, and so adds nothing.
         if self.validation is not None and self.validation.any():
             digest.update(self.validation.tobytes())
+        # The usual share adds nothing either, and a declared mask is there already.
+        if self.heldout is None and self.holdout != HOLDOUT:
+            digest.update(f"holdout {float(self.holdout)}".encode())
         return digest.hexdigest()
 
-    def split(self, seed: int = 0, fraction: float = 0.125) -> Split:
+    def split(self, seed: int = 0) -> Split:
         """Training pairs and held-out groups, disjoint.
 
         A declared split is kept as the one group `heldout`. Otherwise whole views and whole lights are held out
-        (`fraction` of each, by seed), so that the training pairs of a product stay a product; the groups are
-        `new view`, `new light` and `both new`. A side with fewer than four directions holds out none.
+        (the share `holdout` of each, by seed), so that the training pairs of a product stay a product; the groups are
+        `new view`, `new light` and `both new`. A side with fewer than four directions holds out none. There are no
+        groups if `holdout` is 0. `InputError` if it leaves no pair to train on.
         """
         everything = np.arange(len(self))
         chosen_by = np.zeros(len(self), bool) if self.validation is None else self.validation
@@ -468,9 +476,11 @@ class BTF:
             return Split(train, {"heldout": everything[self.heldout]}, everything[chosen_by], everything[low])
         rng = np.random.default_rng(seed)
         # Masks (N,) of the pairs whose view, or whose light, is held out.
-        new_view = _heldout_directions(rng, len(self.layout.views), fraction)[self.layout.view]
-        new_light = _heldout_directions(rng, len(self.layout.lights), fraction)[self.layout.light]
+        new_view = _heldout_directions(rng, len(self.layout.views), self.holdout)[self.layout.view]
+        new_light = _heldout_directions(rng, len(self.layout.lights), self.holdout)[self.layout.light]
         trained = ~new_view & ~new_light
+        if len(self) and not trained.any():
+            raise InputError(f"{self.name}: data.holdout={self.holdout:g} leaves no pairs to train on: lower it")
         # Of scattered pairs a held-out view takes its light with it, which is then new, too.
         new_view = ~np.isin(self.layout.view, self.layout.view[trained])
         new_light = ~np.isin(self.layout.light, self.layout.light[trained])
@@ -484,11 +494,12 @@ class BTF:
         return Split(train, heldout, everything[chosen_by])
 
 
-def _heldout_directions(rng: np.random.Generator, count: int, fraction: float) -> Array:
-    """Mask (count,) of the held-out directions of one side; at least one where there are four or more."""
+def _heldout_directions(rng: np.random.Generator, count: int, share: float) -> Array:
+    """Mask (count,) of the held-out directions of one side; at least one where there are four or more, none of them
+    if the share is 0."""
     mask = np.zeros(count, bool)
-    if count >= 4:
-        chosen = max(1, round(count * fraction))
+    if share and count >= 4:
+        chosen = max(1, round(count * share))
         mask[rng.permutation(count)[:chosen]] = True
     return mask
 

@@ -35,8 +35,9 @@ def open_material(
     - A rendered material draws its held-out pairs at random: test pairs by the number `draw`, or with
       `data.split="validation"` validation pairs.
     - The test pairs of a measured material are those that its data declare, or else whole views and lights
-      (`BTF.split`). With `data.split="validation"` they are left out, and whole views and lights of the rest are held
-      out in their place. With `data.validation` the BTF has both; the latter are then `BTF.validation`.
+      (`BTF.split`), the share `data.holdout` of each. With `data.split="validation"` they are left out, and whole views
+      and lights of the rest are held out in their place. With `data.validation` the BTF has both; the latter are then
+      `BTF.validation`.
 
     `show` is told the progress. `path_tracer` loads the tracer that bakes folders of maps for
     `data.renderer="mitsuba"`; without one such a bake is refused. `MissingDataError` says where to get missing measured

@@ -20,7 +20,7 @@ from typing import Annotated, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
-from bench.btf import Array
+from bench.btf import HOLDOUT, Array
 from bench.directions.hemisphere import DIRECTION_SETS, thinned_product, uniform
 from bench.inputs.errors import InputError, MissingDataError, did_you_mean
 from bench.inputs.settings import Natural, Range, converted
@@ -60,6 +60,8 @@ class Preparation:
     between: Annotated[int, Range(0, 100_000)] = 0  # so many held-out pairs are scored between texels, too
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
+    # The share of the views, and of the lights, of measured data that are held out; 0: none, so all pairs are fitted.
+    holdout: Annotated[float, Range(0, 1, below=True)] = HOLDOUT
     # The most training pairs, and pairs of held-out views and lights, that are scored, always the same ones; 0: all.
     scored: Natural = 0
     renderer: Renderer = "builtin"  # for folders of maps: "mitsuba" path-traces them, with inter-reflections
@@ -86,8 +88,13 @@ class Preparation:
             raise InputError(f"split must be {' or '.join(get_args(Split))}, not {self.split!r}")
         if self.angles not in get_args(Angles):
             raise InputError(f"angles must be {' or '.join(get_args(Angles))}, not {self.angles!r}")
-        if self.validation and (self.split != "test" or not self.heldout):
-            raise InputError('validation = true scores further pairs: it needs split = "test" and heldout above 0')
+        if not 0 <= self.holdout < 1:
+            raise InputError(f"holdout must be at least 0 and below 1, not {self.holdout}")
+        if self.validation and (self.split != "test" or not self.heldout or not self.holdout):
+            remedy = 'split = "test", and heldout and holdout above 0'
+            raise InputError(f"validation = true scores further pairs: it needs {remedy}")
+        if self.split == "validation" and not self.holdout:
+            raise InputError('split = "validation" scores pairs by which settings are chosen: it needs holdout above 0')
 
     def product(self) -> tuple[Array, Array]:
         """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, all lights of a view

@@ -32,23 +32,25 @@ from bench.inputs.errors import InputError, did_you_mean, readable, refuse_pipe,
 
 @dataclass(frozen=True)
 class Range:
-    """From `low` to `high`; with `above`, `low` itself is excluded."""
+    """From `low` to `high`; with `above`, `low` itself is excluded, with `below`, `high`."""
 
     low: float = -math.inf
     high: float = math.inf
     above: bool = False
+    below: bool = False
 
     def __contains__(self, value: float) -> bool:
         """Whether a value lies in the range."""
         high_enough = self.low < value or (self.low == value and not self.above)
-        return high_enough and value <= self.high
+        low_enough = value < self.high or (value == self.high and not self.below)
+        return high_enough and low_enough
 
     def __str__(self) -> str:
-        """As messages and lists show it: `≥ 1`, `> 0`, `from 0 to 1` or `above 0 and up to 1`."""
+        """As messages and lists show it: `≥ 1`, `> 0`, `from 0 to 1`, `from 0 to below 1` or `above 0 and up to 1`."""
         if self.high == math.inf:
             return f"{'>' if self.above else '≥'} {self.low:g}"
         first = f"above {self.low:g} and up" if self.above else f"from {self.low:g}"
-        return f"{first} to {self.high:,.10g}"
+        return f"{first} to {'below ' if self.below else ''}{self.high:,.10g}"
 
 
 Count = Annotated[int, Range(1)]

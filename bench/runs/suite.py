@@ -257,8 +257,14 @@ def with_changes(
             else:
                 chosen_codecs.append(CodecSpec(codec))
         suite = dataclasses.replace(suite, codecs=tuple(chosen_codecs))
+    # Settings of the data are changed together, because not every one goes with the suite's others.
+    of_data = {key: value for key, value in changes.items() if key.startswith("data.")}
+    suite = dataclasses.replace(suite, data=changed(suite.data, of_data))
     for key, value in changes.items():
-        suite = _with_change(suite, key, value)
+        if key in of_data:
+            _refuse_ignored(suite, key)
+        else:
+            suite = _with_change(suite, key, value)
     if seeds:
         twice = _first_repeated(map(str, seeds))
         if twice:
@@ -364,15 +370,16 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
     return {key: parsed[key] for key in spec.settings if chosen.get(key) != default.get(key)}
 
 
+def _refuse_ignored(suite: Suite, key: str) -> None:
+    """Raise `InputError` if all materials ignore a setting of the data, like "data.views"."""
+    reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]  # "" where a material heeds it
+    if all(reasons):
+        raise InputError(f"--set {key}: {reasons[0]}")
+
+
 def _with_change(suite: Suite, key: str, value: str) -> Suite:
-    """The suite with one setting changed, KEY, CODEC.KEY or data.KEY. `InputError` if it changes nothing."""
-    scope, _, name = key.rpartition(".")  # the scope is "", a codec or "data"
-    if scope == "data":
-        suite = dataclasses.replace(suite, data=changed(suite.data, {key: value}))
-        reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]  # "" where a material heeds it
-        if all(reasons):  # each material ignores it
-            raise InputError(f"--set {key}: {reasons[0]}")
-        return suite
+    """The suite with one setting of its codecs changed, KEY or CODEC.KEY. `InputError` if it changes nothing."""
+    scope, _, name = key.rpartition(".")  # the scope is "" or a codec
     codecs = []
     reached = False  # whether any codec has the setting
     for spec in suite.codecs:

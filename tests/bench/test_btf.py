@@ -1,3 +1,4 @@
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -164,6 +165,28 @@ def test_a_drawn_split_is_disjoint_complete_and_keeps_the_product(seed):
     assert not any(tuple(btf.wo[i]) in views for i in split.heldout["new view"])
     assert not any(tuple(btf.wi[i]) in lights for i in split.heldout["new light"])
     assert not any(tuple(btf.wo[i]) in views or tuple(btf.wi[i]) in lights for i in split.heldout["both new"])
+
+
+def test_the_share_that_is_held_out_is_an_eighth_by_default_and_any_other_may_be_asked_for():
+    btf, _ = product(9, 9)
+    heldout = btf.split().heldout
+    # Published records were measured with these pairs: one view of nine, and one light.
+    assert heldout["new view"].tolist() == [36, 37, 39, 40, 41, 42, 43, 44]
+    assert heldout["new light"].tolist() == [2, 11, 20, 29, 47, 56, 65, 74]
+    assert heldout["both new"].tolist() == [38]
+    nothing, third = replace(btf, holdout=0).split(), replace(btf, holdout=0.3).split()
+    assert (nothing.heldout, nothing.train.tolist()) == ({}, list(range(81)))
+    assert len(third.train) == 6 * 6
+    with pytest.raises(InputError, match=r"data\.holdout=0\.99 leaves no pairs"):
+        replace(btf, holdout=0.99).split()
+
+
+def test_the_fingerprint_follows_the_share_that_is_held_out_but_where_the_data_declare_it():
+    btf, _ = product()
+    assert len({replace(btf, holdout=share).fingerprint for share in (0, 0.0, 0.125, 0.3)}) == 3
+    declared = replace(btf, heldout=np.arange(25) >= 20)
+    none = replace(declared, holdout=0)
+    assert (none.fingerprint, none.split().train.tolist()) == (declared.fingerprint, list(range(20)))
 
 
 def test_held_out_pairs_of_scattered_directions_are_new_on_both_sides():

@@ -30,7 +30,7 @@ OF_RENDERED = {
     "data.lights": "give data.pairs",
     "data.size": "give data.texels",
     "data.directions": "leave it out",
-    "data.heldout": "whole views and lights are held out",
+    "data.heldout": "give data.holdout",
     "data.low_light": "leave it out",
     "data.between": "leave it out",
     "data.renderer": "leave it out",
@@ -38,6 +38,7 @@ OF_RENDERED = {
 OF_MEASURED = {
     "data.texels": "give data.size",
     "data.pairs": "give data.views and data.lights",
+    "data.holdout": "give data.heldout",
     "data.angles": "leave it out",
     "data.repair": "leave it out",
 }

@@ -1,10 +1,15 @@
 """Measured surfaces in a file or folder: BTFs, RTI sets, arrays. A reader opens them by their content."""
 
-from bench.btf import BTF
+import logging
+from dataclasses import replace
+
+from bench.btf import BTF, HOLDOUT
 from bench.codec import Progress
 from bench.data.derived import alone, reads_slices, repaired, shrunk, thinned
 from bench.data.kinds import OF_RENDERED, Kind, LoadTracer
 from bench.data.spec import MaterialSpec, Preparation
+
+log = logging.getLogger(__name__)
 
 
 class Measured(Kind):
@@ -22,7 +27,9 @@ class Measured(Kind):
         """
         from bench.data.readers import open_btf
 
-        whole = open_btf(spec.there(), data.angles)
+        whole = replace(open_btf(spec.there(), data.angles), holdout=data.holdout)
+        if whole.heldout is not None and data.holdout != HOLDOUT:
+            log.warning("%s: its data declare their test pairs, which data.holdout does not change", spec.name)
         btf = thinned(whole, data.pairs)
         is_copied = data.repair or data.texels or reads_slices(whole.source)
         if len(btf) < len(whole) and is_copied:

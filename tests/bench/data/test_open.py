@@ -1,3 +1,5 @@
+import logging
+
 import numpy as np
 import pytest
 
@@ -84,6 +86,46 @@ def test_validation_pairs_of_rendered_materials_change_neither_training_nor_test
         heldout = theirs.split().heldout["heldout"]
         np.testing.assert_array_equal(pairs_of(both, ours), pairs_of(theirs, heldout))
         np.testing.assert_array_equal(both[int(ours[0])], theirs[int(heldout[0])])
+
+
+def test_of_measured_data_any_share_is_held_out_of_the_pairs_that_are_kept(tmp_path):
+    convert.write_btf(tiny_btf(4, 9, 9), tmp_path / "a.npz")
+    path = str(tmp_path / "a.npz")
+    usual, whole, thinned = (
+        open_named(path, changes)
+        for changes in ({"data.holdout": "0.125"}, {"data.holdout": "0"}, {"data.holdout": "0", "data.pairs": "50"})
+    )
+    assert usual.fingerprint == open_named(path, {}).fingerprint
+    for btf, count in ((whole, 81), (thinned, 49)):
+        assert (len(btf), btf.split().train.tolist()) == (count, list(range(count)))
+    both = open_named(path, {"data.holdout": "0.3", "data.validation": "true"}).split()
+    assert (len(both.train), len(both.validation)) == (4 * 4, 6 * 6 - 4 * 4)
+
+
+def test_what_the_data_declare_held_out_stays_so_whatever_the_share(tmp_path, caplog):
+    btf = tiny_btf(4, 9, 9)
+    convert.write_btf(BTF("a", btf.wo, btf.wi, btf.source, heldout=np.arange(81) >= 72), tmp_path / "a.npz")
+    with caplog.at_level(logging.WARNING):
+        opened = open_named(str(tmp_path / "a.npz"), {"data.holdout": "0"})
+    assert len(opened.split().train) == 72
+    assert "a.npz: its data declare" in caplog.text
+
+
+@pytest.mark.parametrize("wrong", [{"validation": True}, {"split": "validation"}, {"holdout": 1}, {"holdout": -0.1}])
+def test_a_share_to_hold_out_that_leaves_nothing_to_fit_or_to_choose_by_is_refused(wrong):
+    with pytest.raises(InputError, match="holdout"):
+        Preparation(**{"holdout": 0} | wrong)
+
+
+def test_rendered_materials_have_no_share_to_hold_out(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    with pytest.raises(InputError, match=r"data\.holdout: satin is rendered, .*: give data\.heldout"):
+        open_named("satin", {"data.holdout": "0"})
+    small = {"size": 8, "views": 4, "lights": 4, "heldout": 3}
+    plain, other = (
+        open_material(MaterialSpec("satin"), Preparation(**small, **more), silent) for more in ({}, {"holdout": 0})
+    )
+    assert other.fingerprint == plain.fingerprint
 
 
 @pytest.mark.parametrize("wrong", [{"split": "validation"}, {"heldout": 0}])

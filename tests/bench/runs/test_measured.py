@@ -6,10 +6,40 @@ import pytest
 from ubo2003_pca_write import random_codes, write_ubo2003_pca
 
 from bench import cli, records
+from bench.conformance.check import tiny_btf
+from bench.data.convert import write_btf
 from bench.data.open import open_material
 from bench.runs.suite import load_suite
 
 GROUPS = {"new view", "new light", "both new"}
+
+
+def test_with_nothing_held_out_all_pairs_are_fitted_and_decide(
+    tmp_path: Path, brief: None, undrawn: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_btf(tiny_btf(12, 6, 6), tmp_path / "a.npz")
+    folder = tmp_path / "run"
+    words = ["run", "quick", "--material", str(tmp_path / "a.npz"), "--codec", "mean-colour", "--codec", "pca"]
+    words += ["--set", "pca.components=2", "--out", str(folder)]
+    jobs = []
+    for change in ([], ["--set", "data.holdout=0"], ["--set", "data.holdout=0", "--set", "data.scored=20"]):
+        assert cli.main([*words, *change]) == 0, capsys.readouterr()
+        job, _ = records.load_run(folder).jobs  # the latest records: no earlier one stands for another split
+        jobs.append(job)
+    usual, whole, some = jobs
+    assert (usual["pairs"]["train"], usual["pairs"]["heldout"]) == (25, 11)
+    assert (whole["pairs"]["train"], "heldout" in whole["pairs"]) == (36, False)
+    assert (records.deciding_group(usual["scores"]), records.deciding_group(whole["scores"])) == ("heldout", "all")
+    assert whole["fit_key"]["training"] not in (usual["fit_key"]["training"], usual["score_key"]["btf"])
+    assert whole["score_key"]["btf"] != usual["score_key"]["btf"]
+    assert whole["scores"]["all"]["slices"] == 36
+    assert some["fit_key"] == whole["fit_key"]
+    assert some["scores"]["train"]["slices"] == 20
+    for kind in ("main", "summary"):
+        assert cli.main(["table", kind, str(folder)]) == 0
+        assert f"{some['scores']['all']['metrics']['psnr_display']['mean']:.2f}" in capsys.readouterr().out
+    assert cli.main(["report", str(folder)]) == 0
+    assert cli.main(["compare", str(folder), str(folder)]) == 0
 
 
 def test_the_suite_runs_on_what_is_there_and_reports_each_kind_of_new_pairs(

@@ -70,6 +70,9 @@ def test_a_suite_is_scored_at_test_pairs_but_where_it_says_validation():
     assert suite.data.described(3).startswith("150 test pairs, draw 3")
     assert parse_suite("test", TEXT.replace("size = 16", 'split = "validation"')).data.split == "validation"
     assert with_changes(suite, [], [], {"data.split": "validation"}).data.split == "validation"
+    choosing = with_changes(suite, [], [], {"data.validation": "true"})
+    together = {"data.split": "validation", "data.validation": "false"}  # in this order, alone they do not go together
+    assert with_changes(choosing, [], [], together).data.split == "validation"
     with pytest.raises(InputError, match=r"split:? must be 'test' or 'validation', not 'tests'"):
         with_changes(suite, [], [], {"data.split": "tests"})
 

@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ def test_a_reader_is_chosen_by_content_and_splits_are_disjoint(samples, tmp_path
     if path.is_file():
         path = path.rename(tmp_path / "without extension")
     btf = open_btf(path)
-    split = btf.split(seed=3, fraction=0.3)
+    split = replace(btf, holdout=0.3).split(seed=3)
     groups = [split.train, *split.heldout.values()]
     assert np.array_equal(np.sort(np.concatenate(groups)), np.arange(len(btf)))
     assert len(btf) == {"rti": 5, "rti-turned": 5, "ubo2003-pca": 6561}.get(name, 25)
