@@ -18,7 +18,13 @@ def test_a_score_is_missed_by_decibels_over_ten_and_sizes_by_shares():
 
 
 def test_choices_without_an_error_and_with_validation_pairs_are_rungs():
-    good = {"material": "satin", "label": "pca", "bytes": 9, "ns_per_sample": 5.0, "validation": {"mean": 30.0, "slices": 4}}
+    good = {
+        "material": "satin",
+        "label": "pca",
+        "bytes": 9,
+        "ns_per_sample": 5.0,
+        "validation": {"mean": 30.0, "slices": 4},
+    }
     good |= {"ratio_to_floor": 2.0, "ratio_interval95": [1.5, 2.4]}
     others = [good | {"error": "none"}, good | {"material": "brick"}, good | {"validation": {"slices": 0}}]
     others.append(good | {"label": "table"})  # uncompressed
