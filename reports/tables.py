@@ -128,7 +128,7 @@ def _summary(against: str) -> "Maker":
     return tables
 
 
-def _paper(every_fit: bool = False, absent: Mapping[str, str] | None = None) -> "Maker":
+def _paper(every_fit: bool, absent: Mapping[str, str] | None) -> "Maker":
     """A maker of the tables of the paper's quality; see `reports.paper.paper_tables`."""
 
     def tables(run: Run, _: list[MaterialRows]) -> Iterable[Table]:
@@ -154,7 +154,6 @@ _OF_KIND: dict[str, Maker] = {
     "fits": lambda run, _: fit_tables(run),
     "times": lambda run, _: times_tables(run),
     "trade": lambda run, _: [*trade_tables(run), *variant_tables(run, "trade")],
-    "paper": _paper(),
     "parameters": lambda run, _: [parameters_table([cast(TimedJob, job) for job in run.jobs])],
     "ablation": _ablation,
     "stress": lambda run, _: stress_tables(run),
