@@ -55,7 +55,7 @@ FORMATS = ("text", "markdown", "latex", "csv", "raw")
 # The kinds that show only jobs with a score of validation pairs, by which they choose settings.
 BY_BUDGET = ("front", "curves", "budgets", "when", "ranks", "rungs")
 BY_MATERIAL = ("main", "slices", "angular", "radiance", "footprints", "scene")  # kinds of `reports.by_material`
-OF_VALUES = (*BY_BUDGET, "summary", *BY_MATERIAL)  # the kinds whose cells are written from numbers
+OF_VALUES = (*BY_BUDGET, "summary", *BY_MATERIAL, "paper")  # the kinds whose cells are written from numbers
 
 
 @dataclass(frozen=True)
@@ -71,13 +71,15 @@ def table_text(
     format: str = "text",
     kind: str | None = None,
     choice: "Choice | None" = None,
+    every_fit: bool = False,
 ) -> str:
     """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
     `runs` are folders of runs, or files of published records. Of a job that several have, the last counts.
 
     `kind` picks one kind of table in `KINDS`. By default all kinds are given; as text they are then in the shorter
-    form for a terminal, unless there is a `choice`. A `choice` selects and renames codecs, materials and columns.
+    form for a terminal, unless there is a `choice`. A `choice` selects and renames codecs, materials and columns. With
+    `every_fit`, the table `paper` is followed by one with a row for every fit.
 
     `csv` has the cells of the tables. `raw` is a CSV with unrounded numbers: one row a job with every number of its
     record, whatever the kind; but for the kind `trade`, one row for each codec, execution and precision that
@@ -104,7 +106,7 @@ def table_text(
     # A page of LaTeX is too narrow for all columns of a main table; a reader who picks columns decides that alone.
     narrow = format == "latex" and not (choice and choice.columns)
     against = choice.against if choice else ""
-    text = _formatted(all_tables(run, narrow, kind, against), format, choice)
+    text = _formatted(all_tables(run, narrow, kind, against, every_fit), format, choice)
     if not text.strip() and kind != "unfinished":  # what was planned, and has no result, is known without the records
         refuse_damaged([runs] if isinstance(runs, str | Path) else runs)
     return text
@@ -162,14 +164,20 @@ def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "C
     return _formatted([parameters_table(jobs)], format, choice)
 
 
-def paper_text(run: "Run", absent: Mapping[str, str], format: str = "text", choice: "Choice | None" = None) -> str:
-    """Only the table of our quality beside that of the NeuBTF paper.
+def paper_text(
+    run: "Run",
+    absent: Mapping[str, str],
+    format: str = "text",
+    choice: "Choice | None" = None,
+    every_fit: bool = False,
+) -> str:
+    """Only the table of our quality beside that of the NeuBTF paper; with `every_fit`, also a row for every fit.
 
     `absent` maps a material of that table that no job of the run names to words on where to get it.
     """
-    from reports.paper import paper_table
+    from reports.tables import all_tables
 
-    return _formatted([paper_table(run, absent)], format, choice)
+    return _formatted(all_tables(run, kind="paper", every_fit=every_fit, absent=absent), format, choice)
 
 
 def _formatted(tables: Iterable["Table | None"], format: str, choice: "Choice | None" = None) -> str:

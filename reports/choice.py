@@ -126,7 +126,8 @@ class Choice:
     def _renamed(self, table: Table) -> Table:
         """The table with new names: of codecs and materials in the words at the left, the title and the notes, and of
         columns in the headers."""
-        word_cells: list[str] = []
+        # Headers may name a material or a codec, too.
+        word_cells: list[str] = [word for header in table.headers for word in header if isinstance(word, OfData)]
         rows = []
         for row in table.rows:
             words, numbers = row[: table.words], row[table.words :]

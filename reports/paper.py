@@ -1,9 +1,9 @@
-"""Two tables on the NeuBTF paper: its quality beside ours, and its method with one thing changed at a time.
+"""Three tables on the NeuBTF paper: its quality beside ours, in short and in full, and one change of its method a row.
 
-The first sets Table 1 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023),
-beside our numbers: mean ± deviation over the slices of all, of fitted and of held-out pairs, as means over seeds.
-(`reports.parameters` has its Table 2.) The second shows the suite `ablation`: each codec as it is, and what each change
-of a setting is worth.
+The short one is laid out as Table 1 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics
+114 (2023): a column for each of its materials. The full one has a row for every fit and group of pairs.
+(`reports.parameters` has the paper's Table 2.) The third shows the suite `ablation`: each codec as it is, and what each
+change of a setting is worth.
 
 A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A *job* is one codec with
 its settings on one material, fitted with one seed; its *label* is the codec with these settings, `neubtf recipe=paper`.
@@ -11,148 +11,237 @@ The *family* of a metric is its name without its variant: `ssim` of `ssim_period
 `paper-nearest` has for each material of the paper the *nearest* one that anyone can get.
 """
 
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from statistics import fmean, stdev
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import partial
+from itertools import chain, product
+from math import isnan, nan
+from statistics import fmean
+from typing import Any
+
+import pandas as pd
 
 from bench.metrics import stats_of
 from bench.records import FLIP, PSNR, SSIM, Job, Run, codec_of, grouped, shown_label
-from reports.numbers import NONE, fixed, integer, plus_minus, signed, stated
+from reports.numbers import NONE, fixed, integer, signed, stated
 from reports.rows import of_suite
-from reports.table import Note, Table
+from reports.table import Note, OfData, Table
+from reports.values import Column, Row, written
 
-METHOD = "neubtf"  # the codec whose figures the paper states
 NONE_YET = "none yet"  # a cell of ours for a material that could not be had
+METHOD, RECIPE = "neubtf", "recipe=paper"  # the codec whose numbers the paper states, with the setting that it needs
 # By material, then by family of metric: mean and deviation, as printed.
 PUBLISHED = {
-    "fabric01": {PSNR: "26.58 ± 1.820", SSIM: "0.710 ± 0.108", FLIP: "0.391 ± 0.047"},
-    "fabric03": {PSNR: "27.73 ± 4.711", SSIM: "0.729 ± 0.142", FLIP: "0.426 ± 0.105"},
-    "ceramic": {PSNR: "29.19 ± 2.111", SSIM: "0.819 ± 0.110", FLIP: "0.365 ± 0.065"},
-    "embroidery": {PSNR: "28.79 ± 1.831", SSIM: "0.652 ± 0.156", FLIP: "0.391 ± 0.115"},
+    "fabric01": {PSNR: (26.58, 1.820), SSIM: (0.710, 0.108), FLIP: (0.391, 0.047)},
+    "fabric03": {PSNR: (27.73, 4.711), SSIM: (0.729, 0.142), FLIP: (0.426, 0.105)},
+    "ceramic": {PSNR: (29.19, 2.111), SSIM: (0.819, 0.110), FLIP: (0.365, 0.065)},
+    "embroidery": {PSNR: (28.79, 1.831), SSIM: (0.652, 0.156), FLIP: (0.391, 0.115)},
 }
 NEAREST_SUITE = "paper-nearest"
 # By material of that suite: the material of the paper that it stands for.
 NEAREST = {"wool": "fabric01", "corduroy": "fabric03", "bricks": "ceramic", "satin": "embroidery"}
-# Each metric of the table: its family, its name and unit in the header, and the decimals of our numbers.
-_METRICS = ((PSNR, "PSNR", "dB ↑", 2), (SSIM, "SSIM", "↑", 3), (FLIP, "FLIP", "↓", 3))
-# Groups of pairs: in words, and as records name them. The paper fits every pair that it scores, so its figures stand
+# By family of metric: its name and unit in headers, and the decimals of a mean and, in the full table, of a deviation.
+_METRICS = {PSNR: ("PSNR", "dB ↑", 2), SSIM: ("SSIM", "↑", 3), FLIP: ("FLIP", "↓", 3)}
+_DIGITS = 3  # of deviations, as the paper prints them
+# Groups of pairs: as records name them, and in words. The paper fits every pair that it scores, so its numbers stand
 # beside ours of the fitted pairs and of all.
-_PAIRS = (("all", "all"), ("fitted", "train"), ("held out", "heldout"))
+_PAIRS = {"all": "all", "train": "fitted", "heldout": "held out"}
 _PUBLISHED_PAIRS = ("all", "train")
+_UNLIKE = (
+    "The paper does not state its exposure (docs/metrics.md, “Tables”), so a gap below a decibel means nothing; SSIM "
+    "and FLIP depend on resolution, too. LPIPS is not computed, by design."
+)
 _NOTES = (
     "Mean ± standard deviation over slices; with several seeds the means of both over seeds. “seeds”: how many, and ± "
     "the standard deviation of the mean PSNR over them; on rendered surfaces each has held-out pairs of its own.",
     "A row without recipe=paper is fitted by the recipe of neubtf-bench.",
-    "The paper fits every pair that it scores, at an exposure that it does not state (docs/metrics.md, “Tables”). "
-    "LPIPS, its fourth row, is not computed here, by design; SSIM and FLIP depend on resolution.",
 )
+_HOW_TO_GET = "`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get."
 SUITE = "ablation"  # whose jobs `ablation_table` shows
 
 
-def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | None:
-    """Three rows for each label on a material of the paper's table, or on one that is nearest to it; None without any
-    row.
+def paper_tables(run: Run, absent: Mapping[str, str] | None = None, every_fit: bool = False) -> list[Table]:
+    """The paper's Table 1 beside ours and, with `every_fit`, the full table below it; none without anything to show.
 
-    They are over all pairs, over those that were fitted, and over held-out ones, as means over seeds. A material of the
-    paper that could not be had has one row with the paper's figures beside `none yet`; a nearest one has no row. A note
-    says of either where to get it. `absent` says where by material, for materials that no job of the run names.
+    `absent` says by material where to get it, for materials that no job of the run names.
     """
-    # The jobs to show. A nearest material counts only in its suite: other suites measure these materials, too.
-    jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
-    jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
-    available = {job["material"] for job in jobs if job["status"] != "unavailable"}  # materials that could be had
-    missing = _missing(jobs, available, absent or {})
-    # The rows, and the notes.
-    rows: list[list[str]] = []
+    numbers = _numbers(run)
+    available = set(numbers["material"][numbers["status"] != "unavailable"])
+    is_there = numbers["material"].isin(available)
+    missing = {name: where for name, where in (absent or {}).items() if name not in available}
+    for job in numbers[~is_there].to_dict("records"):
+        missing[job["material"]] = job["why"]
+    numbers = numbers[is_there]
+    if numbers.empty and not missing:
+        return []
+    tables = [_short_table(numbers, missing), _full_table(numbers, missing) if every_fit else None]
+    return [table for table in tables if table]
+
+
+def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
+    """By metric the paper's numbers, ours and the differences of the means; a column for each of its materials.
+
+    Ours are over the fitted pairs, as means over seeds, of the label by the paper's recipe with the most steps: on the
+    material itself, or else on the nearest one. Without such a fit they are dashes, and a note says where to get the
+    material; `missing` says where by name of those that could not be had. `numbers` are rows of `_numbers`.
+    """
+    fits = numbers[numbers["by_recipe"] & (numbers["status"] == "ok") & (numbers["group"] == "train")]
+    best_first = fits.sort_values(["itself", "steps"], ascending=False, kind="stable")
+    chosen = best_first.drop_duplicates(["paper", "family"])  # the first of each
+    ours = {(fit["paper"], fit["family"]): fit for fit in chosen.to_dict("records")}
+    jobs = [job for (_, family), fit in ours.items() if family == PSNR for job in fit["jobs"]]
+
+    rows: list[dict[str, Any]] = []
     jobs_of_rows: list[list[str]] = []
-    seeds_of: dict[str, dict[tuple[str, str], list[Job]]] = {}  # by material, then by label and status
-    for job in jobs:
-        if job["material"] in available:
-            labels = seeds_of.setdefault(job["material"], {})
-            labels.setdefault((job["label"], job["status"]), []).append(job)
-    for labels in seeds_of.values():
-        for seeds in labels.values():
-            of_seeds = list(_rows(seeds))
-            rows += of_seeds
-            jobs_of_rows += [[job["job"] for job in seeds]] * len(of_seeds)
-    for material in missing:
-        if material in PUBLISHED:  # the paper has figures of no other
-            cells = [material, f"{METHOD} recipe=paper", "", "all"]
-            for family, *_ in _METRICS:
-                cells += [NONE_YET, PUBLISHED[material][family]]
-            rows.append(cells)
-            jobs_of_rows.append([])
+    for family, (name, unit, digits) in _METRICS.items():
+        printed: dict[str, Any] = {"metric": f"{name} {unit[-1]}, print", "digits": digits}
+        own: dict[str, Any] = {"metric": f"{name} {unit[-1]}, ours", "digits": digits}
+        difference: dict[str, Any] = {"metric": f"{name}, ours − print", "digits": digits, "signed": True}
+        for material, published in PUBLISHED.items():
+            printed[material], printed[f"{material} ±"] = published[family]
+            fit = ours.get((material, family), {"mean": nan, "std": nan})
+            own[material], own[f"{material} ±"] = fit["mean"], fit["std"]
+            difference[material] = fit["mean"] - printed[material]
+        rows += [printed, own, difference]
+        jobs_of_rows += [[], jobs, jobs]
+    rows.append({"metric": "LPIPS ↓", **dict.fromkeys(PUBLISHED, "not computed")})
+    jobs_of_rows.append([])
+
+    columns = [Column("metric", "", "metric")]
+    notes = [
+        "Mean ± standard deviation over the slices of fitted pairs, because the paper fits what it scores.",
+        _UNLIKE,
+    ]
+    fits_in_words = []
+    for material in PUBLISHED:
+        found = ours.get((material, PSNR))
+        below = OfData(found["material"] if found else NONE)
+        columns.append(Column(OfData(material), below, material, write=partial(_cell, material)))
+        if found:
+            fits_in_words.append(_fit_in_words(found))
+            continue
+        names = [name for name in (material, *NEAREST) if NEAREST.get(name, name) == material and name in missing]
+        notes += [f"{NONE}: {name}: {missing[name]}." for name in names]
+        if not names:
+            notes.append(f"{NONE}: {material}: no fit of {METHOD} {RECIPE}.")
+    if fits_in_words:
+        notes.insert(1, f"Ours: {METHOD} {RECIPE}, the fit of most steps: {'; '.join(fits_in_words)}.")
+    if len(fits_in_words) < len(PUBLISHED):
+        notes.append(_HOW_TO_GET)
+    table = written("paper", "Table 1 of NeuBTF (2023), and ours", pd.DataFrame(rows, dtype=object), columns, notes)
+    return replace(table, jobs=jobs_of_rows)
+
+
+def _cell(material: str, row: Row) -> str:
+    """The cell of a material in a row of the short table; each row has its own decimals."""
+    signed_row = row["signed"] is True
+    beside = f"{material} ±"
+    return Column("", "", material, row["digits"], signed_row, beside=beside, beside_digits=_DIGITS).cell(row)
+
+
+def _fit_in_words(fit: Mapping[Any, Any]) -> str:
+    """A row of `_numbers` as a fit: "corduroy, steps=20000, 3 seeds, ± 0.07 dB", the deviation of PSNR over them."""
+    settings = [word for word in fit["label"].split()[1:] if word != RECIPE]
+    if fit["steps"] and not any(word.startswith("steps=") for word in settings):  # no label has a default
+        settings.append(f"steps={fit['steps']}")
+    words = [f"{fit['material']} {fit['size']}".strip(), *settings, f"{fit['seeds']} seed{'s' * (fit['seeds'] > 1)}"]
+    if not isnan(fit["over_seeds"]):
+        words.append(f"± {fixed(fit['over_seeds'], 2)} dB")
+    return ", ".join(words)
+
+
+def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | None:
+    """Three rows for each label on each material, as means over seeds; None without any row.
+
+    They are over all pairs, over those that were fitted, and over held-out ones. A label without numbers has one row,
+    with its status. A material of the paper that could not be had has one with the paper's numbers beside `none yet`; a
+    nearest one has none. A note says of either where to get it. The arguments are as for `_short_table`.
+    """
+    rows: list[dict[str, Any]] = []
+    for _, of_row in numbers.groupby(["material", "label", "status", "group"], sort=False):
+        fits = of_row.to_dict("records")  # one for each family
+        first = fits[0]
+        if first["status"] != "ok" and first["group"] != "all":
+            continue
+        name = first["material"] if first["itself"] else f"{first['material']}, for {first['paper']}"
+        spread = "" if isnan(first["over_seeds"]) else f", ± {fixed(first['over_seeds'], 2)}"
+        row = {"material": ", ".join(filter(None, [name, first["size"]])), "codec": first["label"]}
+        row |= {"seeds": f"{first['seeds']}{spread}", "pairs": _PAIRS[first["group"]], "jobs": first["jobs"]}
+        for fit in fits:
+            family = fit["family"]
+            row |= {family: fit["why"] if isnan(fit["mean"]) else fit["mean"], f"{family} ±": fit["std"]}
+        row |= _printed(first["paper"] if codec_of(first["label"]) == METHOD else "")  # it has numbers of no other
+        if first["group"] not in _PUBLISHED_PAIRS:
+            row |= dict.fromkeys([f"{family} print" for family in _METRICS], "")
+        rows.append(row)
+    for material in [name for name in missing if name in PUBLISHED]:
+        row = {"material": material, "codec": f"{METHOD} {RECIPE}", "seeds": "", "pairs": "all", "jobs": []}
+        rows.append(row | dict.fromkeys(_METRICS, NONE_YET) | _printed(material))
     if not rows:
         return None
-    headers = [("material", ""), ("codec", ""), ("seeds", ""), ("pairs", "")]
-    for _, name, unit, _ in _METRICS:
-        headers += [(name, f"{unit} ours"), (name, f"{unit} paper")]
-    notes = [*_NOTES, *(f"{NONE_YET}: {material}: {where}." for material, where in missing.items())]
+    columns = [Column(name, "", name) for name in ("material", "codec", "seeds", "pairs")]
+    for family, (name, unit, digits) in _METRICS.items():
+        ours = Column(name, f"{unit} ours", family, digits, beside=f"{family} ±")
+        print_ = f"{family} print"
+        columns += [ours, Column(name, f"{unit} paper", print_, digits, beside=f"{print_} ±", beside_digits=_DIGITS)]
+    notes = [*_NOTES, _UNLIKE, *(f"{NONE_YET}: {material}: {where}." for material, where in missing.items())]
     if missing:
-        notes.append("`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get.")
-    title = "Quality, beside Table 1 of NeuBTF (2023)"
-    return Table("paper", title, headers, rows, notes, words=4, jobs=jobs_of_rows)
+        notes.append(_HOW_TO_GET)
+    values = pd.DataFrame(rows, dtype=object)
+    table = written("paper", "Quality of every fit, beside Table 1 of NeuBTF (2023)", values, columns, notes, words=4)
+    return replace(table, jobs=[row["jobs"] for row in rows])
 
 
-def _missing(jobs: Iterable[Job], available: Container[str], absent: Mapping[str, str]) -> dict[str, str]:
-    """By material that could not be had: where to get it, in words. For `absent` see `paper_table`."""
-    missing = {name: where for name, where in absent.items() if name not in available}
-    for job in jobs:
-        if job["material"] not in available:
-            missing[job["material"]] = str(job.get("error", ""))  # the error of such a job says where
-    return missing
+def _printed(material: str) -> dict[str, float]:
+    """The paper's numbers of a material as values of the full table; NaN of another material."""
+    values = {}
+    for family, numbers in PUBLISHED.get(material, dict.fromkeys(_METRICS, (nan, nan))).items():
+        values[f"{family} print"], values[f"{family} print ±"] = numbers
+    return values
 
 
-def _rows(jobs: Sequence[Job]) -> Iterator[list[str]]:
-    """The rows of the seeds of one label on one material; those over the pairs of the paper have its figures beside.
+def _numbers(run: Run) -> pd.DataFrame:
+    """What both tables show: a row for each material, label, status, group of pairs and family of metrics.
 
-    Jobs without numbers have the first row alone, with their status in place of our numbers.
+    `material` is ours and `paper` the one that it stands for, or is `itself`; `by_recipe` says whether the label is the
+    paper's method by its recipe. Over the `seeds`, named in `jobs`, are `mean` and `std` the means of the mean and the
+    deviation over slices, and `over_seeds` the deviation of that mean, NaN of a single seed. Without a number `mean` is
+    NaN, and `why` says why: “exact”, “n/a”, a dash if it was not measured, the status, or where to get the material.
     """
-    first = jobs[0]
-    material = str(first["material"])
-    name = material if material in PUBLISHED else f"{material}, for {NEAREST[material]}"
-    height, width = first.get("shape", (0, 0))  # texels; a job without a result has none
-    if height != width:  # the paper's are square
-        name += f", {height} × {width}"
-    published: Mapping[str, str] = {}  # by metric; the paper has figures of its own method alone
-    if codec_of(first["label"]) == METHOD:
-        published = PUBLISHED[NEAREST.get(material, material)]
-    measured = first["status"] == "ok"
-    pairs_of_rows = _PAIRS if measured else _PAIRS[:1]
-    for pairs, group in pairs_of_rows:
-        cells = [name, shown_label(first), _seeds_in_words(jobs, group), pairs]
-        for family, _, _, digits in _METRICS:
-            cells.append(_quality(jobs, family, group, digits) if measured else first["status"])
-            cells.append(published.get(family, NONE) if group in _PUBLISHED_PAIRS else "")
-        yield cells
-
-
-def _seeds_in_words(jobs: Sequence[Job], group: str) -> str:
-    """How many seeds there are, and the deviation of their PSNR over a group of pairs: "3, ± 0.05".
-
-    Without the deviation if there is one seed, or one without a number.
-    """
-    means = []
-    for job in jobs:
-        mean = stats_of(job, PSNR, group).get("mean")
-        if mean is not None:
-            means.append(mean)
-    if len(means) < max(2, len(jobs)):
-        return str(len(jobs))
-    return f"{len(jobs)}, ± {fixed(stdev(means), 2)}"
-
-
-def _quality(jobs: Sequence[Job], family: str, group: str, digits: int) -> str:
-    """Mean ± deviation of a metric over the slices of a group of pairs, as means over the jobs that have them.
-
-    If none has: “exact” if no slice of the first has an error, “n/a” if the metric does not apply, a dash if it was not
-    measured.
-    """
-    values = [stated(stats_of(job, family, group), "mean", "std") for job in jobs]
-    numbers = [value for value in values if isinstance(value, tuple)]
-    if not numbers:
-        return values[0] or NONE  # a word in place of a number, such as “exact”, or None
-    means_over_jobs = tuple(fmean(values) for values in zip(*numbers, strict=False))
-    return plus_minus(means_over_jobs, digits)
+    # A nearest material counts only in its suite: other suites measure these materials, too.
+    jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
+    jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
+    by_material = grouped(jobs, lambda job: job["material"]).values()
+    rows = []
+    for job, group, family in product(chain.from_iterable(by_material), _PAIRS, _METRICS):
+        row: dict[str, Any] = {"material": job["material"], "paper": NEAREST.get(job["material"], job["material"])}
+        row |= {"label": shown_label(job), "status": job["status"], "group": group, "family": family}
+        row |= {"job": job["job"], "steps": job.get("settings", {}).get("steps", 0), "mean": nan, "std": nan}
+        height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
+        row["size"] = f"{height} × {width}" if height != width else ""  # the paper's are square
+        row["why"] = job.get("error", "") if job["status"] == "unavailable" else job["status"]
+        if job["status"] == "ok":
+            stats = stats_of(job, family, group)
+            found = stated(stats, "mean")  # a number, or why there is none
+            row |= {"why": found or NONE} if isinstance(found, str | None) else {"mean": found, "std": stats.get("std")}
+        rows.append(row)
+    keys = ["material", "paper", "label", "status", "group", "family"]
+    frame = pd.DataFrame(rows, columns=[*keys, "job", "steps", "size", "why", "mean", "std"])
+    numbers = (
+        frame.astype({"mean": float, "std": float})
+        .groupby(keys, sort=False, as_index=False)
+        .agg(
+            mean=("mean", "mean"),
+            std=("std", "mean"),
+            over_seeds=("mean", lambda means: means.std(skipna=False)),
+            seeds=("job", "size"),
+            jobs=("job", list),
+            **{name: (name, "first") for name in ("steps", "size", "why")},
+        )
+    )
+    numbers["itself"] = numbers["material"] == numbers["paper"]
+    numbers["by_recipe"] = [codec_of(label) == METHOD and RECIPE in label.split() for label in numbers["label"]]
+    return numbers
 
 
 def ablation_table(run: Run) -> Table | None:

@@ -8,7 +8,7 @@ texels at one *pair* of view and light directions. A model *of a scene* was fitt
 it again.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import cast
 
@@ -18,7 +18,6 @@ from bench.records import Run
 from reports import BY_BUDGET, BY_MATERIAL, KINDS
 from reports.fits import fit_tables
 from reports.notes import not_run
-from reports.paper import ablation_table, paper_table
 from reports.parameters import TimedJob, parameters_table
 from reports.rows import MaterialRows, materials
 from reports.stress import stress_tables
@@ -27,15 +26,24 @@ from reports.times import times_tables, variant_tables
 from reports.trade import trade_tables
 
 
-def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against: str = "") -> list[Table]:
+def all_tables(
+    run: Run,
+    narrow: bool = False,
+    kind: str | None = None,
+    against: str = "",
+    every_fit: bool = False,
+    absent: Mapping[str, str] | None = None,
+) -> list[Table]:
     """Every table that has a row, or those of one `kind`, in the order of `KINDS` and then by material.
 
     With `narrow`, a main table is two: quality, and size and time. The summary sets codecs `against` a row, a label; ""
-    is the one that `reports.ranking` picks, and `InputError` is raised for one that the run lacks.
+    is the one that `reports.ranking` picks, and `InputError` is raised for one that the run lacks. For `every_fit` and
+    `absent` see `reports.paper.paper_tables`.
     """
     rows = [] if kind in BY_BUDGET else materials(run)  # which those do not need, and which takes long
     makers = dict(_OF_KIND)
     makers["summary"] = _summary(against)
+    makers["paper"] = _paper(every_fit, absent)
     if narrow:
         makers["main"] = lambda run, rows: [*_by_material("quality")(run, rows), *_by_material("cost")(run, rows)]
     tables: list[Table] = []
@@ -120,6 +128,24 @@ def _summary(against: str) -> "Maker":
     return tables
 
 
+def _paper(every_fit: bool, absent: Mapping[str, str] | None) -> "Maker":
+    """A maker of the tables of the paper's quality; see `reports.paper.paper_tables`."""
+
+    def tables(run: Run, _: list[MaterialRows]) -> Iterable[Table]:
+        from reports.paper import paper_tables  # it loads pandas
+
+        return paper_tables(run, absent, every_fit)
+
+    return tables
+
+
+def _ablation(run: Run, _: list[MaterialRows]) -> Iterable[Table | None]:
+    """The table of the suite `ablation`."""
+    from reports.paper import ablation_table  # it loads pandas
+
+    return [ablation_table(run)]
+
+
 # A function that makes the tables of a kind, from a run and its rows by material; None is no table.
 Maker = Callable[[Run, list[MaterialRows]], Iterable[Table | None]]
 _OF_KIND: dict[str, Maker] = {
@@ -128,9 +154,8 @@ _OF_KIND: dict[str, Maker] = {
     "fits": lambda run, _: fit_tables(run),
     "times": lambda run, _: times_tables(run),
     "trade": lambda run, _: [*trade_tables(run), *variant_tables(run, "trade")],
-    "paper": lambda run, _: [paper_table(run)],
     "parameters": lambda run, _: [parameters_table([cast(TimedJob, job) for job in run.jobs])],
-    "ablation": lambda run, _: [ablation_table(run)],
+    "ablation": _ablation,
     "stress": lambda run, _: stress_tables(run),
     "unfinished": lambda run, _: [unfinished_table(run)],
 }

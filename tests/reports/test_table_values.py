@@ -52,6 +52,16 @@ def test_the_summary_as_a_frame_has_means_ranks_and_differences() -> None:
     assert frame.attrs["directions"] | {"mean rank": "lower", "total": "lower"} == frame.attrs["directions"]
 
 
+def test_the_papers_table_as_a_frame_has_print_ours_and_their_differences() -> None:
+    frame = reports.table_values("paper", RESULTS / "paper-nearest.jsonl").set_index("metric")
+    assert set(frame.dtypes.map(str)) == {"float64"}
+    assert frame.columns.to_list() == ["fabric01", "fabric03", "ceramic", "embroidery"]
+    assert frame.loc["PSNR ↑, print"].to_list() == [26.58, 27.73, 29.19, 28.79]
+    for metric, arrow in (("PSNR", "↑"), ("SSIM", "↑"), ("FLIP", "↓")):
+        difference = frame.loc[f"{metric} {arrow}, ours"] - frame.loc[f"{metric} {arrow}, print"]
+        assert difference.equals(frame.loc[f"{metric}, ours − print"])
+
+
 def test_a_kind_that_has_no_numbers_is_refused() -> None:
     with pytest.raises(InputError, match="front"):
         reports.table_values("times", BUDGETS)

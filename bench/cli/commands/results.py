@@ -138,7 +138,7 @@ def _table(path: Path, words: str) -> str:
     if kind == "parameters":
         text = table.parameters_table(paths, format, choice)
     else:
-        text = table_text(paths, format, kind, choice)
+        text = table_text(paths, format, kind, choice, options.all)
     if kind and not text.strip():
         text = f"No such table yet: {WHY_EMPTY[kind]}"
     return f"{text}\n" if format == "markdown" else f"```\n{text}\n```\n"

@@ -2,7 +2,8 @@
 
 `table parameters` sets decoder parameters and texture channels beside those of the NeuBTF paper, each codec by the
 paper's recipe first, counted in a small file that is made for it: so it needs no run. `table paper` sets quality beside
-the paper's, of runs/paper and runs/paper-nearest if no run is given, and says where to get the data that are missing.
+the paper's, of runs/paper and runs/paper-nearest if no run is given, and says where to get the data that are missing;
+with `--all` a row for every fit stands below it.
 
 examples:
   neubtf-bench table
@@ -41,6 +42,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     several(parser, "--material", "only this material; repeatable")
     against = "the row of the summary that the others are set against, by its label (default: of neubtf-direct)"
     parser.add_argument("--against", default="", metavar="LABEL", help=against)
+    parser.add_argument("--all", action="store_true", help="below the table paper, also a row for every fit")
     several(parser, "--column", "only this column, by its header; repeatable")
     renamed = "rename a codec, row, column or material in rows, headers, title and notes; repeatable"
     several(parser, "--name", renamed, "WORD=NAME")
@@ -61,13 +63,15 @@ def run(options: argparse.Namespace) -> int:
     kind = kinds[0] if kinds else None
     if options.against and kind not in (None, "summary"):
         raise InputError(f"--against {options.against}: the table {kind} sets none against it: give table summary")
+    if options.all and kind != "paper":
+        raise InputError("--all: only the table paper has further rows: give table paper")
     if options.material and kind == "parameters":
         raise InputError("--material: not with the table of parameters, which no material changes: leave it out")
     if kind == "parameters":  # it needs no run
         print(parameters_table(folders, options.format, chosen))
         return FINE
     if kind == "paper" and options.format != "raw":  # nor does this
-        print(_paper(folders, options.format, chosen))
+        print(_paper(folders, options.format, chosen, options.all))
         return FINE
     folders = folders or [_newest_run(kind)]
     text = table_text(folders, options.format, kind, chosen)
@@ -125,7 +129,7 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
     return parameters_text([*counted, *jobs], format, choice)
 
 
-def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
+def _paper(folders: list[Path], format: str, choice: "Choice | None", every_fit: bool) -> str:
     """The table of quality beside the paper's, and for each material that is not measured what is to be done.
 
     Without folders it is of runs/paper and runs/paper-nearest, as far as they are there.
@@ -139,7 +143,7 @@ def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
         absent[spec.name] = there if spec.existing() else f"{spec.path} is not there: {spec.where}"
     if choice:
         run = choice.of_run(run)
-    return paper_text(run, absent, format, choice)
+    return paper_text(run, absent, format, choice, every_fit)
 
 
 def _newest_run(kind: str | None) -> Path:

@@ -316,7 +316,7 @@ def test_tables_of_a_document_come_from_records(packed, tmp_path, capsys):
     assert cli.main(["results", "check", str(page)]) == 1
 
 
-KINDS = "run quick; table summary; table --format latex x.jsonl; table main rungs x.jsonl; table main --a x.jsonl"
+KINDS = "run quick; table summary; table --format latex x.jsonl; table main rungs x.jsonl; table main --b x.jsonl"
 
 
 @pytest.mark.parametrize("words", KINDS.split("; "))
