@@ -26,6 +26,7 @@ class FitCurve(NamedTuple):
     label: str  # the codec with its settings
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
     direct: float  # share of the steps that NeuBTF's first stage takes, without its autoencoder; 0 without that stage
+    published: bool  # whether it is by the recipe of the codec's paper
 
 
 def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
@@ -42,7 +43,8 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
                 if "seconds" in point and "psnr" in point:  # a codec may leave them out
                     points.append((point["step"], point["seconds"], point["psnr"]))
             if points:
-                curves.append(FitCurve(row.job["job"], row.label, points, _direct(row.job)))
+                published = row.job.get("settings", {}).get("recipe") == "paper"
+                curves.append(FitCurve(row.job["job"], row.label, points, _direct(row.job), published))
         if curves:
             by_material[material.name] = curves
     return by_material

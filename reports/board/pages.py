@@ -149,9 +149,7 @@ class Board:
 
         Templates call this with a table's material, too, which does not matter here.
         """
-        if not label.strip():  # a blank label has no first word
-            return ""
-        name = label.replace(",", " ").split(maxsplit=1)[0]  # of a label "codec key=value", or a line "codec, as …"
+        name = codec_of(label.replace(",", " "))  # a line over budgets is "codec, as …"
         return page_name("codec", name) if name in self.places else ""
 
     def _codec_page(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
@@ -306,7 +304,7 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
     """
     for material, curves in curves_by_material(source.run).items():
         fits_of_codec = [fit for fit in curves if codec_of(fit.label) == name]  # of all its settings
-        if not any("recipe=paper" in fit.label for fit in fits_of_codec):
+        if not any(fit.published for fit in fits_of_codec):
             continue
         # By label the points of a line. The axes are logarithmic, so the points at 0 are left out.
         over_steps: dict[str, list[list[float]]] = {}
