@@ -6,6 +6,8 @@ import pytest
 from PIL import Image
 
 from bench import cli
+from bench.codec import silent
+from bench.data.bake import open_svbrdf
 from bench.data.materials import brdf
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
@@ -70,6 +72,18 @@ def test_without_relief_it_is_the_built_in_renderer(kind):
     wo, wi = Preparation(views=6, lights=6, heldout=20).everything("", 0)
     ours, theirs = (f(maps, wo, wi, (8, 8), 2).mean((1, 2)) for f in (render, path_trace))
     np.testing.assert_allclose(theirs, ours, rtol=2e-3)
+
+
+@with_mitsuba
+def test_between_texels_it_is_the_built_in_renderer(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    folder = folder_of_maps(tmp_path / "maps")
+    colours = np.random.default_rng(0).integers(40, 200, (8, 8, 3), np.uint8)
+    Image.fromarray(colours).save(folder / "albedo.png")
+    data = Preparation(size=8, views=2, lights=2, heldout=3, between=3)
+    ours, theirs = (open_svbrdf(folder, data, silent, path_tracer=how).between[:] for how in (tracer(), None))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-2)
+    assert np.abs(theirs[:, 1:] / theirs[:, :-1] - 1).mean() > 0.1  # neighbours differ by more
 
 
 @with_mitsuba
