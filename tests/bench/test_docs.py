@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+import bench
 from bench import cli
 
 ROOT = Path(__file__).parents[2]
@@ -58,3 +59,15 @@ def test_levels_and_sizes_stand_in_generated_tables_alone(page: str) -> None:
     """Another test holds the tables to the records; a sentence with a level or a file's size would grow old unseen."""
     text = re.sub(r"<!-- neubtf-bench.*?<!-- end -->", "", (ROOT / page).read_text(), flags=re.S)
     assert re.findall(r"\d{2,}\.\d+ dB|\d[\d,]+ (?:B|kB|bytes)\b", text) == []
+
+
+def test_the_site_has_every_page_and_every_public_name() -> None:
+    listed = re.findall(r"(\S+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.M)
+    assert sorted(listed) == sorted(["reference.md", *(str(page.relative_to(ROOT)) for page in PAGES if on_site(page))])
+    reference = (ROOT / "tools" / "site" / "reference.md").read_text(encoding="utf-8")
+    described = {*re.findall(r"^::: (\S+)$", reference, re.M)}
+    assert {f"bench.{name}" for name in bench._LAZY} | {"reports.table_text", "reports.table_values"} <= described
+
+
+def on_site(page: Path) -> bool:
+    return page.parent == ROOT or ROOT / "docs" in page.parents
