@@ -325,9 +325,10 @@ def rounded(value: Any) -> Any:
     return value
 
 
-def published(run: Run) -> str:
+def published(run: Run, once: bool = True) -> str:
     """The text of a run's results: a line for each start that produced something, each job and each timing.
 
+    Unless they say what is repeated `once`, each line is whole by itself, as in an archive, whose lines may be altered.
     `InputError` if there is no result.
     """
     if not any(job["status"] == "ok" for job in run.jobs) and not len(run.timings):
@@ -337,11 +338,12 @@ def published(run: Run) -> str:
     used = {line["run"] for line in (*jobs, *timings)}
     # Keep each start once: a file to which the same run is added again already has its earlier starts.
     starts = {start["run"]: kept(start, records.RESULTS) for start in run.starts if start["run"] in used}
-    for name, of_start in grouped(jobs, lambda job: job["run"]).items():
-        facts = [job["metrics"] for job in of_start if "metrics" in job]
-        if name in starts and facts and all(each == facts[0] for each in facts):
-            starts[name]["metrics"] = facts[0]  # each job of the start would repeat them
-    jobs = [_once(job, starts.get(job["run"], RunStart())) for job in jobs]
+    if once:
+        for name, of_start in grouped(jobs, lambda job: job["run"]).items():
+            facts = [job["metrics"] for job in of_start if "metrics" in job]
+            if name in starts and facts and all(each == facts[0] for each in facts):
+                starts[name]["metrics"] = facts[0]  # each job of the start would repeat them
+        jobs = [_once(job, starts.get(job["run"], RunStart())) for job in jobs]
     lines = [*starts.values(), *jobs, *timings]
     return "".join(json.dumps(rounded(line), allow_nan=False, separators=(",", ":")) + "\n" for line in lines)
 
@@ -378,6 +380,8 @@ def published_job(job: Job, folder: Path) -> Job:
         return line
     if "file" in job:
         line["file"] = f"files/{Path(job['file']).name}"
+    if "fitted" in line:  # the day is that of the scores
+        line["fitted"] = {"git": line["fitted"].get("git")}
     scores = read_scores(job["scores"])
     line["scores"] = {name: group for name, group in scores.items() if name not in (SCENE_HELDOUT, OUTSIDE)}
     for group in line["scores"].values():
@@ -385,13 +389,9 @@ def published_job(job: Job, folder: Path) -> Job:
         if RMSE in group["metrics"]:  # an error of radiance is shown pooled, and relative to the mean radiance
             stats = group["metrics"][RMSE]
             group["metrics"][RMSE] = {name: stats[name] for name in ("pooled", "relative") if name in stats}
-    # Of a footprint the pooled PSNR is read only where the mean is missing, and of pairs the counts of whole groups.
     if "footprints" in line:
         line["footprints"] = {side: _without_counts(stats) for side, stats in line["footprints"].items()}
-        for stats in line["footprints"].values():
-            if "mean" in stats:
-                stats.pop(PSNR, None)
-    if "pairs" in line:
+    if "pairs" in line:  # of parts of a group the scores have counts
         line["pairs"] = {name: count for name, count in line["pairs"].items() if ", " not in name}
     slices = decibels(folder, job)
     if slices is not None:

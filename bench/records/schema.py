@@ -200,7 +200,7 @@ class Provenance(Open, total=False):
 
     source: Annotated[Free, RESULTS]
     material: Annotated[Free, RESULTS]
-    parameters: Annotated[Free, RESULTS]
+    parameters: Free
     renderer_version: Annotated[Free, RESULTS]
     path_version: Annotated[Free, RESULTS]
     surface: Annotated[Text, RESULTS]  # what a kind of surface of its own is called in tables

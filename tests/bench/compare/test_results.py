@@ -64,7 +64,7 @@ def test_counts_of_slices_are_published_where_a_slice_is_exact_or_a_number_is_mi
     assert metrics["ssim"] == numbers["ssim"]
     assert metrics["flip_ldr"] == numbers["flip_ldr"]
     assert metrics["rmse_linear"] == {"pooled": 0.6, "relative": 0.2}
-    assert line["footprints"] == {"1": {"mean": 30.5}, "2": {"psnr_display": 29.5}}
+    assert line["footprints"] == {"1": {"psnr_display": 29.5, "mean": 30.5}, "2": {"psnr_display": 29.5}}
     assert line["pairs"] == {"train": 4, "heldout": 2}
     assert line["cost"] == {"texture_channels": 3, "flops_per_sample": 5}
     assert job["footprints"]["1"]["slices"] == 2  # the record itself is left alone
