@@ -69,9 +69,7 @@ class Row:
     def psnr(self) -> float | None:
         """The mean display PSNR of the slices that decide, in dB; None if they have no error."""
         stats = self.stats(self.deciding_group, PSNR)
-        # Counts of slices. If all are exact, there is no finite mean. Where nothing was measured, both counts are
-        # absent, hence equal, and the answer is None, too.
-        if stats.get("exact") == stats.get("slices"):
+        if "exact" in stats and stats["exact"] == stats.get("slices"):  # both are counts of slices; with no finite mean
             return None
         return stats.get("mean")
 

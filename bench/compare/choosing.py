@@ -115,7 +115,8 @@ def validation_of(job: Job) -> Statistics:
 
 def has_validation(job: Job) -> bool:
     """Whether a job may be chosen: it has a score of validation pairs, and a score of test pairs to show."""
-    if not validation_of(job).get("slices"):  # the number of validation slices that were scored
+    validation = validation_of(job)
+    if not validation or not validation.get("slices", 1):  # published records have no count where there are some
         return False
     return deciding_group(job["scores"]) == "heldout"
 

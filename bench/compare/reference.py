@@ -4,6 +4,7 @@ A run has a record, a dictionary, for each job: a fit of a codec with its settin
 of a row differ in the seed alone. A *reference* holds what a comparison needs; the same records give the same bytes. It
 contains no folder, host or time, but the processor and the versions of packages, because a comparison notes when they
 differ. *Results* hold everything that tables show, and nothing of host names, timing samples, tracebacks and pictures.
+What a job would say twice, or repeat from other jobs of its start, they say once; `load_run` puts it back.
 Both hold the scores of slices, packed, so that paired intervals can be computed, and numbers of seven digits.
 """
 
@@ -13,7 +14,7 @@ import tomllib
 from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from bench import records
 from bench.compare.comparison import check_whole
@@ -28,14 +29,17 @@ from bench.records import (
     FLIP,
     OUTSIDE,
     PSNR,
+    RMSE,
     SCENE_HELDOUT,
     Group,
     Job,
     Run,
+    RunStart,
     Statistics,
     Timing,
     by_row,
     deciding_group,
+    grouped,
     kept,
     load_run,
     metrics_of,
@@ -321,9 +325,10 @@ def rounded(value: Any) -> Any:
     return value
 
 
-def published(run: Run) -> str:
+def published(run: Run, once: bool = True) -> str:
     """The text of a run's results: a line for each start that produced something, each job and each timing.
 
+    Unless they say what is repeated `once`, each line is whole by itself, as in an archive, whose lines may be altered.
     `InputError` if there is no result.
     """
     if not any(job["status"] == "ok" for job in run.jobs) and not len(run.timings):
@@ -333,8 +338,32 @@ def published(run: Run) -> str:
     used = {line["run"] for line in (*jobs, *timings)}
     # Keep each start once: a file to which the same run is added again already has its earlier starts.
     starts = {start["run"]: kept(start, records.RESULTS) for start in run.starts if start["run"] in used}
+    if once:
+        for name, of_start in grouped(jobs, lambda job: job["run"]).items():
+            facts = [job["metrics"] for job in of_start if "metrics" in job]
+            if name in starts and facts and all(each == facts[0] for each in facts):
+                starts[name]["metrics"] = facts[0]  # each job of the start would repeat them
+        jobs = [_once(job, starts.get(job["run"], RunStart())) for job in jobs]
     lines = [*starts.values(), *jobs, *timings]
     return "".join(json.dumps(rounded(line), allow_nan=False, separators=(",", ":")) + "\n" for line in lines)
+
+
+def _once(job: Job, start: RunStart) -> Job:
+    """A published job without what `load_run` puts back: the settings in the key of its fit, the facts and versions of
+    metrics that its start has, and the names in each point of the curve of its fit, which becomes a list a name."""
+    line: dict[str, Any] = dict(job)
+    if "metrics" in start and start["metrics"] == job.get("metrics"):
+        del line["metrics"]
+        key = dict(job["score_key"])
+        if key.get("metrics") == {name: facts["version"] for name, facts in job["metrics"].items()}:
+            del key["metrics"]
+        line["score_key"] = key
+    if "settings" in job and job.get("fit_key", {}).get("settings") == job["settings"]:
+        line["fit_key"] = {name: value for name, value in job["fit_key"].items() if name != "settings"}
+    points = cast(list[dict[str, Any]], job.get("history"))
+    if points and all(point.keys() == points[0].keys() for point in points):
+        line["history"] = {name: [point[name] for point in points] for name in points[0]}
+    return cast(Job, line)
 
 
 def published_job(job: Job, folder: Path) -> Job:
@@ -351,9 +380,27 @@ def published_job(job: Job, folder: Path) -> Job:
         return line
     if "file" in job:
         line["file"] = f"files/{Path(job['file']).name}"
+    if "fitted" in line:  # the day is that of the scores
+        line["fitted"] = {"git": line["fitted"].get("git")}
     scores = read_scores(job["scores"])
     line["scores"] = {name: group for name, group in scores.items() if name not in (SCENE_HELDOUT, OUTSIDE)}
+    for group in line["scores"].values():
+        group["metrics"] = {name: _without_counts(stats) for name, stats in group["metrics"].items()}
+        if RMSE in group["metrics"]:  # an error of radiance is shown pooled, and relative to the mean radiance
+            stats = group["metrics"][RMSE]
+            group["metrics"][RMSE] = {name: stats[name] for name in ("pooled", "relative") if name in stats}
+    if "footprints" in line:
+        line["footprints"] = {side: _without_counts(stats) for side, stats in line["footprints"].items()}
+    if "pairs" in line:  # of parts of a group the scores have counts
+        line["pairs"] = {name: count for name, count in line["pairs"].items() if ", " not in name}
     slices = decibels(folder, job)
     if slices is not None:
         line["slices"] = {PSNR: packed(slices)}
     return line
+
+
+def _without_counts(stats: Statistics) -> Statistics:
+    """A copy of the statistics. Counts of slices, which say why a number is missing or which share of slices is exact,
+    stay only where one is."""
+    counts = () if stats.get("exact") or None in stats.values() else ("exact", "slices")
+    return {name: number for name, number in stats.items() if name not in counts}

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from bench.codec import Codec, Progress, followed, settings_dict, silent
 from bench.codecs.encoding import error_in_words
@@ -21,7 +21,7 @@ from bench.conformance import emulated, stress
 from bench.conformance.check import STAGES, Check, CodecUnderTest, NotApplicable, more_steps
 from bench.conformance.stress.case import Measured, short, verdict_of
 from bench.material import parameters
-from bench.records import Job, Stress, load_run
+from bench.records import Cost, Job, Stress, load_run
 
 
 @dataclass(frozen=True)
@@ -156,5 +156,5 @@ def count(name: str) -> Job:
         "status": "ok",
         "settings": settings_dict(codec),
         "parameters": parameters(material),
-        "cost": dataclasses.asdict(material.cost),
+        "cost": cast(Cost, dataclasses.asdict(material.cost)),
     }

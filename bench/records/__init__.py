@@ -52,6 +52,7 @@ from bench.records.schema import (
     Between,
     Bytes,
     Ceiling,
+    Cost,
     Facts,
     FitKey,
     Group,

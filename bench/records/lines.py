@@ -280,6 +280,22 @@ def _files_of(source: Path) -> list[Path]:
     return sorted(source.glob("*.jsonl")) or [source]
 
 
+def _put_back(job: dict[str, Any], starts: Sequence[RunStart]) -> None:
+    """Put back what published records say once: the settings of a fit; the facts and versions of metrics, which the
+    start of the job's run has; the names in the points of a curve. What is of another form stays as it is."""
+    key, scored, history = (job.get(name) for name in ("fit_key", "score_key", "history"))
+    if isinstance(key, dict) and key and "settings" in job:
+        key.setdefault("settings", job["settings"])
+    if isinstance(history, dict) and all(isinstance(column, list) for column in history.values()):
+        job["history"] = [dict(zip(history, point, strict=True)) for point in zip(*history.values(), strict=False)]
+    facts = next(
+        (start["metrics"] for start in starts if "metrics" in start and start.get("run") == job.get("run")), None
+    )
+    if facts and isinstance(scored, dict) and "metrics" not in job and job.get("status") == "ok":
+        job["metrics"] = facts
+        scored.setdefault("metrics", {name: each["version"] for name, each in facts.items()})
+
+
 def _add_line(run: Run, text: bytes, place: str) -> bool:
     """Add the record of a line to the run; return False if the line is not a record.
 
@@ -298,6 +314,8 @@ def _add_line(run: Run, text: bytes, place: str) -> bool:
         return False
     record.pop("crc32", None)
     kind = record["kind"]
+    if kind == "job":
+        _put_back(record, run.starts)
     if kind not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
         return False
     fault = fields.fault(record)

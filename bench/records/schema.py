@@ -146,9 +146,9 @@ class FitKey(Open, total=False):
     seed: Count
     threads: Count
     device: Annotated[Text, RESULTS]  # the kind that it was fitted on
-    torch: Annotated[Free, RESULTS]
+    torch: Free
     code: Annotated[Free, RESULTS]
-    libraries: Annotated[dict[str, Text | None], RESULTS]
+    libraries: dict[str, Text | None]
     shared: Annotated[Free, RESULTS | CLAIM]
     programs: Text  # of a codec that is two programs: a digest of them
     demand: Text  # of the scene that it was fitted to
@@ -184,12 +184,23 @@ class Bytes(Open, total=False):
     total: Required[Count]
 
 
+class Cost(Open, total=False):
+    """What a decoder holds and what a sample costs, by name of `bench.material.Cost`."""
+
+    parameters: Annotated[Count, CLAIM]
+    texture_channels: Annotated[Count, RESULTS | CLAIM]
+    texture_floats: Annotated[Count, CLAIM]
+    flops_per_sample: Annotated[Count, RESULTS | CLAIM]
+    bytes_per_sample: Annotated[Count, CLAIM]
+    table_floats: Annotated[Count, CLAIM]
+
+
 class Provenance(Open, total=False):
     """Where a BTF comes from."""
 
     source: Annotated[Free, RESULTS]
     material: Annotated[Free, RESULTS]
-    parameters: Annotated[Free, RESULTS]
+    parameters: Free
     renderer_version: Annotated[Free, RESULTS]
     path_version: Annotated[Free, RESULTS]
     surface: Annotated[Text, RESULTS]  # what a kind of surface of its own is called in tables
@@ -255,7 +266,7 @@ class Job(Open, total=False):
     bytes: Annotated[Bytes, PUBLISHED | CLAIM]
     parameters: Annotated[Count | None, PUBLISHED | CLAIM]
     resident: Annotated[Count | None, RESULTS]
-    cost: Annotated[dict[str, Count], RESULTS | CLAIM, Needed("tables", ("texture_channels",))]
+    cost: Annotated[Cost, RESULTS | CLAIM, Needed("tables", ("texture_channels",))]
     metrics: Annotated[dict[str, MetricFacts], PUBLISHED | CLAIM | APART]
     scores: Annotated[dict[str, Group], CLAIM]
     footprints: Annotated[dict[str, Statistics], RESULTS | CLAIM]
@@ -326,10 +337,10 @@ class Timing(Open, total=False):
     run: Annotated[Text, PUBLISHED | APART, MUST]
     ns_per_sample: Annotated[Positive, PUBLISHED]
     interval95_ns: Annotated[Pair, PUBLISHED]
-    iqr_ns: Annotated[Number, RESULTS]
+    iqr_ns: Number
     ratio_to_floor: Annotated[Positive, RESULTS]
     ratio_interval95: Annotated[Pair, RESULTS]
-    ratio_least: Annotated[Positive, RESULTS]
+    ratio_least: Positive
     ratio_at_one_texel: Annotated[Positive, RESULTS]
     ratio_between_texels: Annotated[Positive, RESULTS]  # of a setting whose time is that at one texel
     label: Annotated[Name, RESULTS | APART]
@@ -337,7 +348,7 @@ class Timing(Open, total=False):
     rounds: Annotated[list[Positive], RESULTS | APART]  # × floor, in each round on each surface
     limit_ns: Annotated[NotNegative, RESULTS | APART]  # of a sample, by the machine's ceilings
     of_tolerance: Annotated[NotNegative, RESULTS | APART]  # largest difference from float64, over what is allowed
-    floor_ns: Annotated[Positive, RESULTS]
+    floor_ns: Positive
     samples_ns: Annotated[Free, APART]
     floor_ratios: Annotated[Free, APART]
     batch: Annotated[Count, PUBLISHED]
@@ -419,6 +430,7 @@ class RunStart(Open, total=False):
     packages: Annotated[dict[str, Text | None], PUBLISHED]
     ceilings: Annotated[Free, RESULTS]  # of the machine: flops and bytes a ns
     machine: Annotated[Machine, PUBLISHED]
+    metrics: Annotated[dict[str, MetricFacts], RESULTS]  # in published results: of its jobs, which do not repeat them
 
 
 Record = RunStart | Job | Timing | Stress  # a line of a run's records

@@ -207,10 +207,9 @@ def _verdict_on_job(
         return Verified(name, NOT_VERIFIED, f"no result was submitted: {job.get('error', '')}")
     records.require(job, "verification", folder)
     if job["codec"] not in (*codec_entries(), COMMAND):
-        libraries = ", ".join(f"{each} {version}" for each, version in job["fit_key"].get("libraries", {}).items())
         short_hash = str(job["fit_key"]["code"])[:12]
         codec = f"codec {job['codec']} version {job['fit_key']['version']}, code {short_hash}"
-        return Verified(name, NOT_VERIFIED, f"{codec} is not installed here ({libraries})")
+        return Verified(name, NOT_VERIFIED, f"{codec} is not installed here")
     if "pooled" not in metrics_of(job).get(PSNR, {}):
         return Verified(name, NOT_VERIFIED, "its record has no scores to compare")
     spec = _material(job, start, places)

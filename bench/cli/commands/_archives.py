@@ -30,7 +30,7 @@ def pack_run(options: argparse.Namespace) -> int:
     if options.out.suffix != ".zip":
         raise InputError(f"--out {options.out}: the name must end in .zip")
     run = jobs_with_results(load_run(options.run), options.codec)
-    pack(run, published(run), options.out)
+    pack(run, published(run, once=False), options.out)
     say_line(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
     # The text to send with it: what it holds, and how to check it.
     with open(options.out, "rb") as file:
