@@ -223,7 +223,10 @@ def _numbers(run: Run) -> pd.DataFrame:
         if job["status"] == "ok":
             stats = stats_of(job, family, group)
             found = stated(stats, "mean")  # a number, or why there is none
-            row |= {"why": found or NONE} if isinstance(found, str | None) else {"mean": found, "std": stats.get("std")}
+            if isinstance(found, str | None):
+                row["why"] = found or NONE
+            else:
+                row |= {"mean": found, "std": stats.get("std")}
         rows.append(row)
     keys = ["material", "paper", "label", "status", "group", "family"]
     frame = pd.DataFrame(rows, columns=[*keys, "job", "steps", "size", "why", "mean", "std"])

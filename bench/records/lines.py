@@ -22,7 +22,7 @@ from typing import Any, TypeVar, cast, overload
 
 from bench.inputs.errors import InputError, writable
 from bench.records import fields
-from bench.records.schema import ARTEFACT, Job, Record, RunStart, ScoreKey, Stress, Timing, setting_name
+from bench.records.schema import ARTEFACT, Job, MetricFacts, Record, RunStart, ScoreKey, Stress, Timing, setting_name
 
 Found = TypeVar("Found")
 
@@ -288,9 +288,10 @@ def _put_back(job: dict[str, Any], starts: Sequence[RunStart]) -> None:
         key.setdefault("settings", job["settings"])
     if isinstance(history, dict) and all(isinstance(column, list) for column in history.values()):
         job["history"] = [dict(zip(history, point, strict=True)) for point in zip(*history.values(), strict=False)]
-    facts = next(
-        (start["metrics"] for start in starts if "metrics" in start and start.get("run") == job.get("run")), None
-    )
+    facts: dict[str, MetricFacts] = {}
+    for start in starts:
+        if start.get("run") == job.get("run"):
+            facts = start.get("metrics", facts)
     if facts and isinstance(scored, dict) and "metrics" not in job and job.get("status") == "ok":
         job["metrics"] = facts
         scored.setdefault("metrics", {name: each["version"] for name, each in facts.items()})
