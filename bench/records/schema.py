@@ -281,6 +281,7 @@ class Job(Open, total=False):
         Needed("verification", ("version", "code")),
     ]
     fit_seconds: Annotated[NotNegative, RESULTS, Shown("CPU", "s", 2)]
+    fit_memory: Annotated[Count, RESULTS]  # the most bytes that the fit held at once, as `bench.machine.memory` counts
     fit_cached: bool
     fitted: Annotated[dict[str, Text | None], RESULTS]
     history: Annotated[list[Point], RESULTS]
@@ -444,6 +445,7 @@ class Facts(Open, total=False):
     fit_seconds: Required[NotNegative]
     history: Required[list[Point]]
     faults: list[Text]  # what is wrong with a fit that ended, if anything is
+    fit_memory: Count
     fitted: dict[str, Text | None]
 
 

@@ -35,6 +35,7 @@ from bench.files import atomic
 from bench.inputs.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.inputs.plugins import PluginError
 from bench.machine.devices import is_gpu
+from bench.machine.memory import forget_peak, peak_bytes
 from bench.machine.process_state import restored_process_state
 from bench.records import Facts, FitKey, Job, Point, fields
 from bench.runs import lock
@@ -305,8 +306,9 @@ class Attempt:
             checkpoint=self.checkpoint,
         )
         encode = fitting.encode_of(self.codec, self.workbench.demand, task.uniform)
+        forget_peak(fit.device)
         header, seconds = fit_to_file(self.codec, training, fit, path, encode)
-        return header, {
+        facts: Facts = {
             "fit_key": self.fit_key,
             "sha256": header.sha256,
             "fit_seconds": seconds,
@@ -314,6 +316,10 @@ class Attempt:
             "faults": fit.faults,
             "fitted": revision_and_time(self.codec.name),
         }
+        memory = peak_bytes(fit.device)
+        if memory is not None:
+            facts["fit_memory"] = memory
+        return header, facts
 
 
 def _facts_of_record(facts: Facts, cached: bool) -> Job:
@@ -327,6 +333,8 @@ def _facts_of_record(facts: Facts, cached: bool) -> Job:
         record["faults"] = facts["faults"]
     if "fitted" in facts:  # facts of older fits lack it
         record["fitted"] = facts["fitted"]
+    if "fit_memory" in facts:
+        record["fit_memory"] = facts["fit_memory"]
     return record
 
 

@@ -41,6 +41,7 @@ from bench.records import Job
 
 MOST_JOBS = 100_000
 Words = tuple[str, ...]
+Seeds = tuple[Seed, ...]
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class CodecSpec:
     settings: dict[str, Any] = field(default_factory=dict)
     swept: tuple[str, ...] = ()  # the settings that the suite varies in a list
     materials: tuple[str, ...] = ()  # names of the materials to run it on; empty: all of the suite
+    seeds: Seeds = ()  # of its repetitions; empty: those of the suite
 
     @property
     def label(self) -> str:
@@ -87,7 +89,7 @@ class Suite:
     text: str  # the TOML it was read from
     description: str = ""  # what it is for
     threads: Threads = 1  # CPU threads of a fit and of timing; the bytes of a file depend on it
-    seeds: tuple[Seed, ...] = (0,)  # of the repetitions
+    seeds: Seeds = (0,)  # of the repetitions
     data: Preparation = field(default_factory=Preparation)
     materials: tuple[MaterialSpec, ...] = ()
     codecs: tuple[CodecSpec, ...] = ()
@@ -100,9 +102,9 @@ class Suite:
     def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:
         """Material, codec and seed of each job, in order. A codec that names materials runs on these alone."""
         cells = []
-        for material, codec, seed in itertools.product(self.materials, self.codecs, self.seeds):
+        for material, codec in itertools.product(self.materials, self.codecs):
             if not codec.materials or material.name in codec.materials:
-                cells.append((material, codec, seed))
+                cells += [(material, codec, seed) for seed in codec.seeds or self.seeds]
         return cells
 
 
@@ -199,7 +201,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         foreign = set(spec.materials) - set(names)
         if foreign:
             raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
-    _check_jobs(file, len(names) * len(labels) * len(suite.seeds))
+    _check_jobs(file, len(names) * sum(len(spec.seeds or suite.seeds) for spec in suite.codecs))
     return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
 
 
@@ -269,7 +271,8 @@ def with_changes(
         twice = _first_repeated(map(str, seeds))
         if twice:
             raise InputError(f"--seed {twice}: it is given twice: leave one out")
-        suite = dataclasses.replace(suite, seeds=tuple(seeds))
+        without_own = tuple(dataclasses.replace(spec, seeds=()) for spec in suite.codecs)
+        suite = dataclasses.replace(suite, seeds=tuple(seeds), codecs=without_own)
     return suite
 
 
@@ -333,7 +336,8 @@ def canonical(suite: Suite) -> Suite:
 
 
 def _merged(specs: Sequence[CodecSpec]) -> tuple[CodecSpec, ...]:
-    """The entries of a suite, of which those with equal labels become one, on the materials of all of them."""
+    """The entries of a suite, of which those with equal labels become one, on the materials of all of them and with the
+    first one's seeds."""
     unique: dict[str, CodecSpec] = {}  # by label
     for spec in specs:
         if spec.label not in unique:
@@ -470,6 +474,10 @@ def _codec_specs(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         settings = dict(entry)
         codec = converted(f"{where}.codec", str, settings.pop("codec", None))
         materials = converted(f"{where}.materials", Words, settings.pop("materials", []))
+        seeds = converted(f"{where}.seeds", Seeds, settings.pop("seeds", []))
+        twice = _first_repeated(map(str, seeds))
+        if twice:
+            raise InputError(f"{where}.seeds: {twice!r} appears twice: leave one out")
         # Settings with a list of values are swept. A single value becomes a list of one, for `itertools.product`.
         swept = {key: value for key, value in settings.items() if isinstance(value, list)}
         lists = [swept.get(key, [value]) for key, value in settings.items()]
@@ -483,4 +491,4 @@ def _codec_specs(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         jobs += math.prod(map(len, lists))
         _check_jobs(where, jobs)  # before they are made: a short file may ask for billions
         for combination in itertools.product(*lists):
-            yield CodecSpec(codec, dict(zip(settings, combination, strict=True)), tuple(swept), materials)
+            yield CodecSpec(codec, dict(zip(settings, combination, strict=True)), tuple(swept), materials, seeds)

@@ -54,7 +54,7 @@ codecs = [
 QUICK = SUITE.replace("[0, 1, 2]", "[0]").replace(', "leather"', "").replace("steps = 300", "steps = 100")
 QUICK = QUICK.replace('    {codec = "rainer2019", steps = 200},\n', "")  # 3 jobs
 # Of a record: what two runs need not share.
-OWN = ("run", "fit_seconds", "history", "fit_cached", "machine", "fitted", "scored")
+OWN = ("run", "fit_seconds", "fit_memory", "history", "fit_cached", "machine", "fitted", "scored")
 
 Place = Callable[[], AbstractContextManager[Workers]]
 

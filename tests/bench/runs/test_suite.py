@@ -51,6 +51,13 @@ def test_a_codec_may_be_run_on_some_of_the_materials_but_the_command_line_asks_f
     assert len(with_changes(suite, ["satin"], [], {}).cells) == 5 * 2
 
 
+def test_a_codec_may_have_seeds_of_its_own_but_the_command_line_overrides_them():
+    suite = parse_suite("test", TEXT.replace('"mean-colour"', '"mean-colour"\nseeds = [3, 5]\nmaterials = ["satin"]'))
+    assert [seed for _, codec, seed in suite.cells if codec.codec == "mean-colour"] == [3, 5]
+    assert {seed for _, codec, seed in suite.cells if codec.codec != "mean-colour"} == set(suite.seeds)
+    assert {seed for *_, seed in with_changes(suite, [], [], {}, [7]).cells} == {7}
+
+
 @pytest.mark.parametrize("name", builtin_suites())
 def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
     from bench.data.materials import names
@@ -228,6 +235,7 @@ ATTACKS = [
     ("components = [2, 4]", "components = [[2], 4]", "codecs.components must be"),
     ("components = [2, 4]", "components = inf", "codecs.components must be"),
     ("components = [2, 4]", "passes = 1_000_000_000", "setting passes of codec pca must be"),
+    ('"mean-colour"', '"mean-colour"\nseeds = [2, 2]', "codecs.seeds: '2' appears twice"),
     ('"mean-colour"', '"mean-colour"\nmaterials = ["silk"]', "codecs.materials names 'silk'"),
     ('codec = "mean-colour"', "half = true", "codecs.codec must be a text"),
     ('"satin", ', '"satin", "satin", ', "materials: 'satin' appears twice: give one of them another name"),

@@ -1,0 +1,39 @@
+"""The most memory that a stretch of work takes: of this process on a CPU, of PyTorch's tensors on a GPU."""
+
+import re
+from contextlib import suppress
+from pathlib import Path
+
+import torch
+
+from bench.machine.devices import is_gpu
+
+_PROCESS = Path("/proc/self")
+_RESET_PEAK = "5"  # what the kernel's `clear_refs` takes to forget the peak so far: see proc(5)
+
+
+def forget_peak(device: torch.device) -> None:
+    """Start anew: `peak_bytes` tells the most since now."""
+    if is_gpu(device):
+        reset = getattr(torch.get_device_module(device), "reset_peak_memory_stats", None)
+        if reset is not None:  # not each maker's module has it
+            reset(device)
+        return
+    with suppress(OSError):  # only Linux has this file
+        (_PROCESS / "clear_refs").write_text(_RESET_PEAK, encoding="ascii")
+
+
+def peak_bytes(device: torch.device) -> int | None:
+    """The most bytes that were held at once since `forget_peak`; None where nobody counts them.
+
+    On a CPU it is all memory of this process, PyTorch and the BTF included.
+    """
+    if is_gpu(device):
+        most = getattr(torch.get_device_module(device), "max_memory_allocated", None)
+        return None if most is None else int(most(device))
+    try:
+        status = (_PROCESS / "status").read_text(encoding="utf-8")
+    except OSError:
+        return None
+    kilobytes = re.search(r"^VmHWM:\s+(\d+) kB$", status, re.MULTILINE)
+    return int(kilobytes[1]) * 1024 if kilobytes else None
