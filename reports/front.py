@@ -34,13 +34,14 @@ from reports.rungs import (
     Budget,
     Rungs,
     Summary,
-    mean_over,
+    median_over,
     rungs_of,
 )
 from reports.table import Table
 from reports.values import Column, Row, written
 
 _NAMED = 5  # rows that a note on excluded records names
+MEMORY = 256  # bits a texel of a decoder in memory, at which codecs are compared
 _TIED = 3  # codecs with the same number that a cell names
 _NEVER = "∞"  # a BD-rate: no number of bytes is enough
 _METRICS = [Column("PSNR", "dB", "psnr", 2), Column("SSIM", "", "ssim", 3), Column("FLIP", "", "flip", 3)]
@@ -61,12 +62,12 @@ _CHOICE = "A codec's rung is chosen by validation pairs, its numbers are of test
 
 
 def front_table(run: Run) -> Iterator[Table]:
-    """A row a line at 32 bits a texel: PSNR by kind of surface and over all, its lead over `AGAINST`, and its time."""
+    """A row a line at 32 bits a texel: PSNR by kind of surface, its lead over `AGAINST`, and its time. The largest
+    lead stands first."""
     rungs = rungs_of(run)
-    kinds = rungs.kinds | {"all": list(rungs.surfaces)}
+    kinds = rungs.kinds
     readings = {kind: rungs.readings(ENOUGH, surfaces) for kind, surfaces in kinds.items() if surfaces}
-    # Rows stand in the order of the column of all surfaces, which is the last; lines without a value there follow.
-    lines = list(dict.fromkeys(line for found in reversed(readings.values()) for line in found.index))
+    lines = list(dict.fromkeys(line for found in readings.values() for line in found.index))
     if not lines:
         return
     # A line whose curves all end below this size has dashes for PSNR, but may have a lead at fewer bytes.
@@ -75,28 +76,38 @@ def front_table(run: Run) -> Iterator[Table]:
     for kind, found in readings.items():
         values[kind] = found["value"]
         values[f"{kind} bound"] = found["bound"]
-    values["pooled"] = mean_over(rungs.read(ENOUGH.most, "pooled"))
+    values["pooled"] = median_over(rungs.read(ENOUGH.most, "pooled"))
     leads = {line: rungs.lead(line) for line in lines}
     values = values.join(_of_leads(leads))
     values["single"] = [line not in rungs.hulls for line in lines]
-    values["time"] = rungs.of_picks(rungs.picks(ENOUGH, list(rungs.surfaces)), EAGER).mean(axis=1)  # of those timed
-    columns = [
-        _CODEC,
-        *(
-            Column(f"{kind}, {len(surfaces)}", "dB ↑", kind, before=("≥", f"{kind} bound"))
-            for kind, surfaces in kinds.items()
-        ),
+    values["time"] = rungs.read(ENOUGH.most, EAGER).median(axis=1)  # of those timed
+    against = values.index == AGAINST  # which has no lead over itself
+    values = values.assign(order=values["median"].mask(against, 0.0)).sort_values(
+        "order", ascending=False, kind="stable"
+    )
+    columns = [_CODEC]
+    absent: dict[str, list[str]] = {}  # kinds by the line that keeps them from having a best
+    for kind, surfaces in kinds.items():
+        leader = rungs.absent_leader(ENOUGH, surfaces)
+        if leader:
+            absent.setdefault(leader, []).append(kind)
+        better = "none" if leader else ""
+        name = f"{kind}, {len(surfaces)}"
+        columns.append(Column(name, "dB ↑", kind, better=better, before=("≥", f"{kind} bound")))
+    columns += [
         Column("pooled", "dB ↑", "pooled"),
-        Column("lead, median", "dB ↑", "median", signed=True, write=_lead),
-        Column("95 % interval", "of the mean", "mean", write=_interval),
+        Column("lead", "dB ↑", "median", signed=True, write=_lead),
+        Column("95 % interval", "of the lead", "median", write=_interval),
         Column("ahead", "on", "won", write=_won),
         Column("time", "× floor ↓", "time", -3),
     ]
-    title = f"At {in_words(ENOUGH)}: test PSNR, means over {', '.join(rungs.surfaces)}"
-    notes = ["Pooled: of the squared error of all slices of a surface together, mean over all surfaces."]
-    notes += [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over surfaces.", *_lead_notes(values)]
+    title = f"At {in_words(ENOUGH)}: test PSNR, medians over {', '.join(rungs.surfaces)}"
+    notes = ["Pooled: of the squared error of all slices of a surface together, median over all surfaces."]
+    notes += [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over all surfaces.", *_lead_notes(values)]
+    for leader, names in absent.items():
+        notes.append(f"No best is marked on {', '.join(names)} surfaces: {_absent(leader)}.")
     if EAGER in rungs.times:
-        notes.append("Time: eager, of the rung within that size that validation pairs choose, mean over surfaces.")
+        notes.append("Time: eager, of the files between which PSNR is read off, in the same shares; a median, too.")
     yield written("front", title, values, columns, [*notes, _READ, *_common(run, rungs)])
 
 
@@ -107,7 +118,7 @@ def _of_leads(leads: Mapping[str, Summary | None]) -> pd.DataFrame:
 
 
 def _lead(row: Row) -> str:
-    """The median of a lead over surfaces, with a ° if it comes from single rungs."""
+    """The lead, with a ° if it comes from single rungs."""
     if isnan(row["median"]):
         # `AGAINST` has no lead over itself; any other line shares no bytes with it.
         return "" if row["codec"] == AGAINST else NONE
@@ -115,15 +126,15 @@ def _lead(row: Row) -> str:
 
 
 def _interval(row: Row) -> str:
-    """The interval of the mean of a lead, with a star if it tells the two apart; "" without a lead."""
-    if isnan(row["mean"]):
+    """The interval of a lead, with a star if it tells the two apart; "" without a lead."""
+    if isnan(row["median"]):
         return ""
     return f"{signed(row['low'], 1)} to {signed(row['high'], 1)}{'*' * row['apart']}"
 
 
 def _won(row: Row) -> str:
     """On how many surfaces a line is ahead, and of how many; "" without a lead."""
-    return "" if isnan(row["mean"]) else f"{row['won']:.0f} of {row['surfaces']:.0f}"
+    return "" if isnan(row["median"]) else f"{row['won']:.0f} of {row['surfaces']:.0f}"
 
 
 def _lead_notes(values: pd.DataFrame) -> Iterator[str]:
@@ -139,7 +150,7 @@ def _lead_notes(values: pd.DataFrame) -> Iterator[str]:
 
 
 def budgets_tables(run: Run) -> Iterator[Table]:
-    """A row a codec, a column a budget: PSNR, mean over materials. A table a kind of surface, then one over all.
+    """A row a codec, a column a budget: PSNR, median over materials. A table a kind of surface, then one over all.
 
     PSNR at a size is read off curves: it does not depend on where the codec has its rungs. Within a time it is that of
     the best rung in time.
@@ -173,6 +184,7 @@ def _of_surfaces(
     shapes = {rungs.shapes[name] for name in surfaces}
     best_so_far = 0.0
     outdone = False
+    absent: dict[str, list[str]] = {}  # sizes by the line that keeps them from having a best
     for budget, found in readings.items():
         name = in_words(budget)
         values[name], values[f"{name} bound"] = found["value"], found["bound"]
@@ -185,6 +197,10 @@ def _of_surfaces(
             if best < best_so_far:
                 outdone, better = True, ""
             best_so_far = max(best, best_so_far)
+        leader = rungs.absent_leader(budget, surfaces)
+        if leader:
+            absent.setdefault(leader, []).append(name)
+            better = ""
         above, below = _header(budget, shapes)
         marks = ("≥", f"{name} bound"), ("*", f"{name} apart")
         columns.append(Column(above, below, name, better=better, before=marks[0], after=marks[1]))
@@ -201,7 +217,14 @@ def _of_surfaces(
         notes.append(f"*: told apart from {AGAINST}, by Holm's correction over the column.")
     if outdone:
         notes.append("No best is marked at a size where a codec whose curves end before has more dB at a smaller one.")
+    for leader, names in absent.items():
+        notes.append(f"No best is marked at {', '.join(names)}: {_absent(leader)}.")
     return title, values, columns, notes
+
+
+def _absent(leader: str) -> str:
+    """Why no line is marked as the best where `leader` has a value on some surfaces alone."""
+    return f"{leader} leads on the surfaces where its curve reaches that size"
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
@@ -221,19 +244,19 @@ def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
 
 def rung_tables(run: Run) -> Iterator[Table]:
     """A table a material of the rungs that were chosen on it, with their budgets and quality. If there are several
-    materials, a table of the means over them comes first."""
+    materials, a table of the medians over them comes first."""
     rungs = rungs_of(run)
     surfaces = list(rungs.surfaces)
     at_budgets = Column("at bits, times" if rungs.times else "at bits a texel", "", "budgets")
     total = Column("total", "bytes", "total", 0)
     notes = [_CHOICE, *_common(run, rungs)]
-    means = [total, *_METRICS]
-    rows = list(_mean_rows(rungs, means)) if len(surfaces) > 1 else []
+    medians = [total, *_METRICS]
+    rows = list(_median_rows(rungs, medians)) if len(surfaces) > 1 else []
     if rows:
         values = pd.DataFrame(rows)
         values["stale"] = _stale(rungs, values["codec"])
-        title = f"Means over {len(surfaces)} materials of the rung of each budget"
-        yield written("rungs", title, values, [_CODEC, at_budgets, *means], notes, words=2)
+        title = f"Medians over {len(surfaces)} materials of the rung of each budget"
+        yield written("rungs", title, values, [_CODEC, at_budgets, *medians], notes, words=2)
     columns = [_CODEC, Column("rung", "", "setting"), at_budgets, total, Column("validation", "dB", "validation", 2)]
     columns += [*_METRICS, *(Column(kind, _unit(kind), kind, -3) for kind in rungs.times)]
     for material in surfaces:
@@ -250,17 +273,17 @@ def rung_tables(run: Run) -> Iterator[Table]:
         yield written("rungs", title, values, columns, notes, words=3, material=material)
 
 
-def _mean_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
-    """Rows of the table of means over the materials: line, budgets, and a mean for each column.
+def _median_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
+    """Rows of the table of medians over the materials: line, budgets, and a median for each column.
 
     Budgets at which a line has the same numbers share a row, because mostly the same rungs were chosen.
     """
-    # By line, and by the numbers as they read: the means, and the budgets that have them.
+    # By line, and by the numbers as they read: the medians, and the budgets that have them.
     found: dict[str, dict[tuple[float | None, ...], tuple[Row, list[Budget]]]] = {}
     for budget in rungs.limits:
         picks = rungs.picks(budget, list(rungs.surfaces))
-        means = pd.DataFrame({column.field: mean_over(rungs.of_picks(picks, column.field)) for column in columns})
-        by_line: Any = means.to_dict("index")
+        medians = pd.DataFrame({column.field: median_over(rungs.of_picks(picks, column.field)) for column in columns})
+        by_line: Any = medians.to_dict("index")
         for line, row in by_line.items():
             read = tuple(None if isnan(row[column.field]) else column.rounded(row[column.field]) for column in columns)
             found.setdefault(line, {}).setdefault(read, (row, []))[1].append(budget)
@@ -289,9 +312,13 @@ def _span(limits: list[Budget]) -> str:
 def when_table(run: Run) -> Iterator[Table]:
     """Which codec when: a question a row, the best codec and the next best, and the numbers of both."""
     rows = []
-    for question, means, metric in _questions(rungs_of(run)):
+    absent: dict[str, list[str]] = {}  # sizes by the line that keeps them from having a best
+    for question, medians, metric, leader in _questions(rungs_of(run)):
+        if leader:
+            absent.setdefault(leader, []).append(question)
+            continue
         lines: dict[float, list[str]] = {}  # by number as it reads: lines with the same are equally good
-        by_line: dict[Any, float] = means.to_dict()
+        by_line: dict[Any, float] = medians.to_dict()
         for line, value in by_line.items():
             lines.setdefault(metric.rounded(value), []).append(line)
         if not lines:  # no line reaches that budget on each surface
@@ -304,8 +331,9 @@ def when_table(run: Run) -> Iterator[Table]:
     columns += [
         Column(name, "", field, write=_with_unit(field)) for name, field in (("best", "value"), ("then", "next"))
     ]
+    notes = [f"No answer to “{'”, “'.join(asked)}”: {_absent(leader)}." for leader, asked in absent.items()]
     if rows:
-        yield written("when", "Which codec when", pd.DataFrame(rows), columns, [_WITHIN], words=3)
+        yield written("when", "Which codec when", pd.DataFrame(rows), columns, [*notes, _WITHIN], words=3)
 
 
 def _with_unit(field: str) -> Callable[[Row], str]:
@@ -328,11 +356,13 @@ def _named(lines: Sequence[str]) -> str:
 
 
 class _Question(NamedTuple):
-    """A question in words, the lines that answer it with their means, the best first, and how these are written."""
+    """A question in words, the lines that answer it with their medians, the best first, and how these are written; and
+    the line, if there is one, that would answer it if it had files as small on all surfaces."""
 
     words: str
-    means: "pd.Series[float]"
+    medians: "pd.Series[float]"
     metric: Column
+    absent_leader: str = ""
 
 
 def _questions(rungs: Rungs) -> Iterator[_Question]:
@@ -341,12 +371,13 @@ def _questions(rungs: Rungs) -> Iterator[_Question]:
     psnr, *others = [Column("PSNR", "dB", "psnr", 1), *_METRICS[1:]]
     enough = in_words(ENOUGH)
     ranked = {budget: rungs.ranked(budget, surfaces) for budget in rungs.limits} if surfaces else {}
-    for budget, means in ranked.items():
-        yield _Question(f"best quality in {in_words(budget)}", means, psnr)
-    of_bytes = {budget: means for budget, means in ranked.items() if budget.kind == BYTES}
-    best = max((means.max() for means in of_bytes.values() if len(means)), default=0.0)
-    for budget, means in of_bytes.items():  # the smallest first
-        near = means[means >= best - NEAR_DB]
+    for budget, medians in ranked.items():
+        leader = rungs.absent_leader(budget, surfaces, to_end=True)
+        yield _Question(f"best quality in {in_words(budget)}", medians, psnr, leader)
+    of_bytes = {budget: medians for budget, medians in ranked.items() if budget.kind == BYTES}
+    best = max((medians.max() for medians in of_bytes.values() if len(medians)), default=0.0)
+    for budget, medians in of_bytes.items():  # the smallest first
+        near = medians[medians >= best - NEAR_DB]
         if len(near):
             yield _Question(f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(budget)}", near, psnr)
             break
@@ -385,7 +416,7 @@ def ranks_table(run: Run) -> Iterator[Table]:
 
 
 def curves_tables(run: Run) -> Iterator[Table]:
-    """The tables of curves: differences to `AGAINST`, three metrics at one size, and PSNR by footprint at that size.
+    """The tables of curves: differences to `AGAINST`, three metrics and PSNR by footprint at one size, bytes in memory.
 
     PSNR at several sizes stands in `table budgets`.
     """
@@ -393,7 +424,7 @@ def curves_tables(run: Run) -> Iterator[Table]:
     made = []
     if AGAINST in rungs.hulls:
         made.append(_differences(rungs))
-    made += [_three_metrics(rungs), _footprints(rungs)]
+    made += [_three_metrics(rungs), _footprints(rungs), _in_memory(rungs)]
     with_rows = [found for found in made if len(found[1])]
     if with_rows:  # notes on all of them stand once, below the last
         notes = with_rows[-1][-1]
@@ -412,12 +443,14 @@ def curves_tables(run: Run) -> Iterator[Table]:
 
 
 def _differences(rungs: Rungs) -> _Parts:
-    """A row a codec: BD-PSNR by kind of surface and over all, with its interval, and BD-rate."""
+    """A row a codec: BD-PSNR by kind of surface and over all, each with its interval, and BD-rate."""
     lines = [line for line in rungs.hulls if line != AGAINST]
     values = _of_leads({line: rungs.lead(line) for line in lines})
-    gaps = rungs.gaps.reindex(index=values.index)
     for kind, surfaces in rungs.kinds.items():
-        values[kind] = mean_over(gaps[surfaces])
+        of_kind = _of_leads({line: rungs.lead(line, surfaces) for line in values.index})
+        whole = of_kind[of_kind["surfaces"] == len(surfaces)]  # a median over fewer surfaces would not compare
+        values[kind] = whole["median"].reindex(values.index)
+        values[f"{kind} interval"] = whole.apply(_interval, axis=1).reindex(values.index, fill_value="")
     values["rate"] = [100 * _median_rate(rungs, line) for line in values.index]
     values = values.sort_values("median", ascending=False, kind="stable")
     told = f"None is told apart: that takes {LEAST_SURFACES} surfaces."
@@ -429,14 +462,25 @@ def _differences(rungs: Rungs) -> _Parts:
         f"codec is as good as the smallest of {AGAINST}. {told}"
     ]
     columns = [
-        *(Column(f"{kind}, {len(on)}", "dB ↑", kind, signed=True) for kind, on in rungs.kinds.items()),
-        Column("median", "dB ↑", "median", signed=True),
-        Column("mean", "dB ↑", "mean", signed=True),
-        Column("95 % interval", "of the mean", "mean", write=_interval),
+        *(Column(f"{kind}, {len(on)}", "dB ↑", kind, write=_with_interval(kind)) for kind, on in rungs.kinds.items()),
+        Column("all", "dB ↑", "median", signed=True),
+        Column("95 % interval", "of the median", "median", write=_interval),
         Column("ahead", "on ↑", "won", 0, write=_won),
         Column("BD-rate", "median ↓", "rate", 0, signed=True, write=_rate),
     ]
     return f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR", values, columns, notes
+
+
+def _with_interval(kind: str) -> Callable[[Row], str]:
+    """A function that writes the lead of a row on surfaces of a kind, with its interval."""
+
+    def write(row: Row) -> str:
+        """The lead and its interval: “+0.5 (+0.2 to +1.1)”; a dash without one."""
+        if isnan(row[kind]):
+            return NONE
+        return f"{signed(row[kind], 1)} ({row[f'{kind} interval'].rstrip('*')})"
+
+    return write
 
 
 def _median_rate(rungs: Rungs, line: str) -> float:
@@ -468,7 +512,7 @@ def _three_metrics(rungs: Rungs) -> _Parts:
     So a reader sees whether the metrics agree on the order. Codecs that lack a metric, or whose curves do not reach
     that size on each surface, are left out: places among different codecs would not compare.
     """
-    values = pd.DataFrame({each.field: mean_over(rungs.read(ENOUGH.most, each.field)) for each in _METRICS}).dropna()
+    values = pd.DataFrame({each.field: median_over(rungs.read(ENOUGH.most, each.field)) for each in _METRICS}).dropna()
     for metric in _METRICS:
         values[f"{metric.field} place"] = values[metric.field].rank(ascending=metric.field == "flip", method="first")
     values = values.sort_values("psnr", ascending=False, kind="stable")
@@ -488,7 +532,7 @@ def _with_place(field: str, digits: int) -> Callable[[Row], str]:
 
 def _footprints(rungs: Rungs) -> _Parts:
     """A row a codec: PSNR at one size, a column a footprint. From further away a pixel covers more texels a side."""
-    values = pd.DataFrame({side: mean_over(rungs.read(ENOUGH.most, side)) for side in FOOTPRINTS}).dropna()
+    values = pd.DataFrame({side: median_over(rungs.read(ENOUGH.most, side)) for side in FOOTPRINTS}).dropna()
     values = values.sort_values(FOOTPRINTS[-1], ascending=False, kind="stable")
     columns = [Column("1 texel" if side == "1" else f"{side} texels", "dB ↑", side) for side in FOOTPRINTS]
     note = (
@@ -496,6 +540,26 @@ def _footprints(rungs: Rungs) -> _Parts:
     )
     where = f"at {ENOUGH.most} bits a texel on {len(rungs.surfaces)} surfaces"
     return f"Curves {where}: PSNR by footprint", values, columns, [note]
+
+
+def _in_memory(rungs: Rungs) -> _Parts:
+    """A row a codec: PSNR by kind of surface, at one size in memory in place of one in the file, and the lead there."""
+    resident = rungs.over_memory()
+    values = pd.DataFrame({kind: median_over(resident.read(MEMORY)[on]) for kind, on in rungs.kinds.items()})
+    values = values.dropna(how="all")
+    values = values.join(_of_leads({line: resident.lead(line) for line in values.index}))
+    values["single"] = False
+    values = values.sort_values([*rungs.kinds], ascending=False, kind="stable")
+    columns = [
+        *(Column(f"{kind}, {len(on)}", "dB ↑", kind) for kind, on in rungs.kinds.items()),
+        Column("lead", "dB ↑", "median", signed=True, write=_lead),
+        Column("95 % interval", "of the lead", "median", write=_interval),
+    ]
+    note = (
+        "In memory: textures, tables and networks as this suite's decoders hold them to be asked, in float32. "
+        f"A renderer may hold them in fewer bits. Lead: over {AGAINST} at equal bytes in memory."
+    )
+    return f"Curves over bytes in memory: test PSNR at {MEMORY} bits a texel", values, columns, [note]
 
 
 # By kind of table: the function that makes the tables of a run.
@@ -532,7 +596,7 @@ def _common(run: Run, rungs: Rungs) -> Iterator[str]:
     """Notes common to all tables of budgets: on what machine times were measured, and which jobs are left out."""
     if set(rungs.times) - {FIT}:  # there are times of queries, and not of fits alone
         machines = "; ".join(_machines(run))
-        yield f"Times: upper ends of 95 % intervals, × floor, one bilinear fetch; {machines}."
+        yield f"Times: medians, × floor, one bilinear fetch; {machines}."
     excluded = []
     if rungs.without:
         excluded.append(f"{_by_suite(run, rungs.without)}, without a score of validation pairs")

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from bench.records import Run
-from reports.rungs import BITS, EAGER, TIMES, Rungs, mean_over, rungs_of
+from reports.rungs import BITS, EAGER, TIMES, Rungs, median_over, rungs_of
 from reports.series import Plot, Series
 
 FAR_DB = 8.0  # lines so far below the best at every size of a curve are left out: they would press others together
@@ -38,22 +38,22 @@ def front_plots(run: Run) -> Iterator[Front]:
 
 
 def _front(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Front:
-    """Means over the surfaces: curves over bytes, as far as they reach on each, and rungs within budgets of time.
+    """Medians over the surfaces: curves over bytes, as far as they reach on each, and rungs within budgets of time.
 
     `surfaces` are the names of those of one `kind`. Lines that are far below the best everywhere are left out of both.
     The line of the highest PSNR comes first.
     """
-    # By line, its mean PSNR by bits a texel; by bits, the best of all lines, 0 where none reaches.
-    curves = pd.DataFrame({bits: mean_over(rungs.read(bits)[[*surfaces]]) for bits in _SIZES})
-    means: dict[str, Any] = {line: curves.loc[line].dropna().to_dict() for line in rungs.hulls}
-    best = {bits: max(curve.get(bits, 0.0) for curve in means.values()) for bits in _SIZES}
+    # By line, its median PSNR by bits a texel; by bits, the best of all lines, 0 where none reaches.
+    curves = pd.DataFrame({bits: median_over(rungs.read(bits)[[*surfaces]]) for bits in _SIZES})
+    medians: dict[str, Any] = {line: curves.loc[line].dropna().to_dict() for line in rungs.hulls}
+    best = {bits: max(curve.get(bits, 0.0) for curve in medians.values()) for bits in _SIZES}
     near: list[str] = []
-    for line in sorted(means, key=lambda line: -max(means[line].values(), default=0.0)):
-        if any(value > best[bits] - FAR_DB for bits, value in means[line].items()):
+    for line in sorted(medians, key=lambda line: -max(medians[line].values(), default=0.0)):
+        if any(value > best[bits] - FAR_DB for bits, value in medians[line].items()):
             near.append(line)
-    sizes = {line: means[line] for line in near}
+    sizes = {line: medians[line] for line in near}
 
-    # By the time of a budget: the mean PSNR of each line that has a rung within it on every surface.
+    # By the time of a budget: the median PSNR of each line that has a rung within it on every surface.
     ranked: dict[float, Any] = {}
     for budget in rungs.limits:
         if budget.kind == EAGER:
@@ -74,7 +74,7 @@ def _front(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Front:
             "y": {"label": "test PSNR, dB"},
             "series": series,
             "missing": [line for line in near if not lines[line]],
-            "note": f"Means over {', '.join(surfaces)}; codecs within {FAR_DB:g} dB of the best.",
+            "note": f"Medians over {', '.join(surfaces)}; codecs within {FAR_DB:g} dB of the best.",
         }
 
     by_size = {"label": "bits of the file a texel", "unit": "bits", "ticks": BITS}

@@ -17,24 +17,24 @@ def leads(run: Run) -> str:
     two codecs to compare."""
     clauses = _within_budget(run)
     if clauses:
-        return f"At {in_words(ENOUGH)}, means of test PSNR: {'; '.join(clauses)}."
+        return f"At {in_words(ENOUGH)}, medians of test PSNR: {'; '.join(clauses)}."
     return _as_measured(run)
 
 
 def _within_budget(run: Run) -> list[str]:
     """A clause for each kind of surface: "relief leads on rendered surfaces, 2.5 dB before neubtf-direct".
 
-    The lead, in mean PSNR at the budget `ENOUGH`, is that before the codec `AGAINST` or, where it leads itself or is
+    The lead, in median PSNR at the budget `ENOUGH`, is that before the codec `AGAINST` or, where it leads itself or is
     missing, before the second. Kinds with fewer than two codecs have no clause.
     """
     rungs = rungs_of(run)
     clauses: list[str] = []
     for kind, surfaces in rungs.kinds.items():
-        means = rungs.readings(ENOUGH, surfaces)["value"]  # by codec, the best first
-        if len(means) > 1:
-            best, *others = means.index
+        medians = rungs.readings(ENOUGH, surfaces)["value"]  # by codec, the best first
+        if len(medians) > 1:
+            best, *others = medians.index
             other = AGAINST if AGAINST in others else others[0]
-            lead = means[best] - means[other]
+            lead = medians[best] - medians[other]
             clauses.append(f"{best} leads on {kind} surfaces, {lead:.1f} dB before {other}")
     return clauses
 

@@ -10,7 +10,7 @@ since a file may be smaller than it may be. It is never extrapolated. docs/metri
 Tables of lines have a row a line and a column a surface, with NaN where a line has no value.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import fmean
@@ -45,7 +45,7 @@ FOOTPRINTS = ("1", "2", "4", "8")  # texels a side of a pixel, as records name t
 # The scores of a rung at test pairs, by name of their column: family of the metric, and statistic over slices.
 _TEST = {"psnr": (PSNR, "mean"), "pooled": (PSNR, "pooled"), "ssim": (SSIM, "mean"), "flip": (FLIP, "mean")}
 _SCORES = ["validation", *_TEST, *FOOTPRINTS]
-_COSTS = ["total", EAGER, FUSED, FIT]
+_COSTS = ["total", "resident", EAGER, FUSED, FIT]
 
 
 class Budget(NamedTuple):
@@ -81,9 +81,8 @@ class _Places(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """A difference over surfaces: mean, median, on how many it is above 0, and the 95 % interval of the mean."""
+    """A difference over surfaces: its median with a 95 % interval, and on how many it is above 0."""
 
-    mean: float
     median: float
     won: int
     surfaces: int
@@ -101,8 +100,9 @@ class Rungs:
     """The rungs of a run and its curves; `without` and `unlike` are the jobs that are left out.
 
     `frame` has a row a rung, numbered from 0: `line`, its `codec`, `label`, `setting`, `material`, `job` (of its first
-    seed), `bits` a texel and means over seeds: `total` bytes, `validation` PSNR, scores at test pairs `psnr`, `pooled`,
-    `ssim`, `flip`, PSNR by footprint `1` to `8`, times `eager`, `fused` and `fit`; and `seeds`, the PSNR of each.
+    seed), `bits` a texel and means over seeds: `total` bytes and those in memory, `resident`; `validation` PSNR, scores
+    at test pairs `psnr`, `pooled`, `ssim`, `flip`, PSNR by footprint `1` to `8`, times `eager`, `fused` and `fit`; and
+    `seeds`, the PSNR of each.
     """
 
     frame: pd.DataFrame
@@ -135,6 +135,12 @@ class Rungs:
         """The surfaces by kind, in the order of kinds."""
         kinds = sorted(dict.fromkeys(self.surfaces.values()), key=kind_order)
         return {kind: [name for name, own in self.surfaces.items() if own == kind] for kind in kinds}
+
+    def over_memory(self) -> "Rungs":
+        """The same rungs with curves over the bits a texel that a decoder takes in memory; without those not known."""
+        known = self.frame[self.frame["resident"].notna()].reset_index(drop=True)
+        bits = 8 * known["resident"] / (known["height"] * known["width"])
+        return replace(self, frame=known.assign(bits=bits))
 
     @cached_property
     def hulls(self) -> dict[str, dict[str, Hull]]:
@@ -237,23 +243,40 @@ class Rungs:
         )
 
     def ranked(self, budget: Budget, surfaces: Sequence[str], score: str = "psnr") -> pd.Series:
-        """By line: the mean over surfaces of what it reaches within a budget, the best first."""
-        return mean_over(self.reached(budget, surfaces, score)).sort_values(ascending=score == "flip", kind="stable")
+        """By line: the median over surfaces of what it reaches within a budget, the best first."""
+        return median_over(self.reached(budget, surfaces, score)).sort_values(ascending=score == "flip", kind="stable")
 
     def readings(self, budget: Budget, surfaces: Sequence[str]) -> pd.DataFrame:
-        """By line: its mean PSNR over surfaces at a size, `value`, the best first; without lines that do not reach it.
+        """By line: its median PSNR over surfaces at a size, `value`, the best first; without lines that don't reach it.
 
         `bound`: it has no curve there, so this is of the best rungs within the size; with a rung of just this size it
         might have more. Within a time it is that of the best rungs in time, and no bound.
         """
-        of_rungs = mean_over(self.of_picks(self.picks(budget, surfaces))).dropna()
+        of_rungs = median_over(self.of_picks(self.picks(budget, surfaces))).dropna()
         found = pd.DataFrame({"value": of_rungs, "bound": budget.kind == BYTES})
         if budget.kind == BYTES:
             curved = [line for line, on in self.hulls.items() if on.keys() & set(surfaces)]
-            read = mean_over(self.read(budget.most)[[*surfaces]]).dropna()
+            read = median_over(self.read(budget.most)[[*surfaces]]).dropna()
             without = found[~found.index.isin(curved)]
             found = pd.concat([without, pd.DataFrame({"value": read, "bound": False})])
         return found.sort_values("value", ascending=False, kind="stable")
+
+    def absent_leader(self, budget: Budget, surfaces: Sequence[str], to_end: bool = False) -> str:
+        """A line whose curves reach a size on some of the surfaces alone, but is ahead of the best of those that reach
+        it on all, in the median over the surfaces that it has; "" if there is none. `to_end`: as for `read`.
+        """
+        if budget.kind != BYTES or not surfaces:
+            return ""
+        read = self.read(budget.most, to_end=to_end)[[*surfaces]]
+        middle = median_over(read).dropna()
+        if not len(middle):
+            return ""
+        best = read.loc[str(middle.idxmax())]
+        for line in read.index.difference(middle.index, sort=False):
+            gaps = read.loc[line].sub(best).dropna()
+            if len(gaps) and gaps.median() > 0:
+                return str(line)
+        return ""
 
     def told_apart(self, budget: Budget, surfaces: Sequence[str]) -> set[str]:
         """The lines with a rung on each surface whose differences over these tell them apart from `AGAINST`."""
@@ -263,16 +286,17 @@ class Rungs:
         gaps = scores.drop(index=AGAINST) - scores.loc[AGAINST]
         return set(gaps.index[told_by_holm([chance_if_equal(row) for row in gaps.to_numpy()])])
 
-    def lead(self, line: str) -> Summary | None:
-        """How far a line is ahead of `AGAINST` at equal bytes: BD-PSNR over surfaces.
+    def lead(self, line: str, surfaces: Collection[str] = ()) -> Summary | None:
+        """How far a line is ahead of `AGAINST` at equal bytes: BD-PSNR over some surfaces, or over all.
 
         Of a line without curves, each rung is compared with the other's curve at its own bytes. None for `AGAINST`
         itself, and where they share no bytes.
         """
         if line == AGAINST:
             return None
-        drawn = self._drawn_gaps(line) if line in self.hulls else self._gaps_of_rungs(line)
-        return summarised(drawn) if drawn else None
+        gaps = self._gaps_of_draws[line] if line in self.hulls else self._gaps_of_rungs(line)
+        on = {surface: of_draws for surface, of_draws in gaps.items() if not surfaces or surface in surfaces}
+        return summarised(on) if on else None
 
     @cached_property
     def gaps(self) -> pd.DataFrame:
@@ -286,6 +310,11 @@ class Rungs:
                 if ours and theirs:
                     found[line][surface] = bd_psnr(ours, theirs)
         return pd.DataFrame.from_dict(found, orient="index", columns=list(self.surfaces), dtype=float)
+
+    @cached_property
+    def _gaps_of_draws(self) -> dict[str, dict[str, list[float]]]:
+        """What `_drawn_gaps` says of each line with curves."""
+        return {line: self._drawn_gaps(line) for line in self.hulls}
 
     def _drawn_gaps(self, line: str) -> dict[str, list[float]]:
         """By surface: the BD-PSNR of `gaps`, then the same for `DRAWS` draws of the seeds of both lines."""
@@ -324,7 +353,7 @@ def summarised(gaps: Mapping[str, Sequence[float]]) -> Summary:
     low, high = interval_over_surfaces(values[:, 1:])
     measured = values[:, 0]
     won = int((measured > 0).sum())
-    return Summary(float(measured.mean()), float(np.median(measured)), won, len(values), low, high)
+    return Summary(float(np.median(measured)), won, len(values), low, high)
 
 
 def _drawn(seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> np.ndarray:
@@ -352,9 +381,9 @@ def _weights(ours: Hull, theirs: Hull) -> np.ndarray:
     return np.array(weights, float)
 
 
-def mean_over(table: pd.DataFrame) -> pd.Series:
-    """The mean of each row; NaN where a value is missing, because a mean over fewer surfaces would not compare."""
-    return pd.Series([fmean(row) for row in table.to_numpy()], index=table.index, dtype=float)
+def median_over(table: pd.DataFrame) -> pd.Series:
+    """The median of each row; NaN where a value is missing, because a median over fewer surfaces would not compare."""
+    return table.median(axis=1, skipna=False)
 
 
 @view
@@ -375,6 +404,7 @@ def rungs_of(run: Run) -> Rungs:
     jobs = [scored[name] for name in values["job"]]
     values[["height", "width"]] = [job["shape"] for job in jobs]
     values["total"] = [job["bytes"]["total"] for job in jobs]
+    values["resident"] = _floats(job.get("resident") for job in jobs)
     values["validation"] = _floats(validation_of(job).get("mean") for job in jobs)
     for name, (family, statistic) in _TEST.items():
         values[name] = _floats(stats_of(job, family).get(statistic) for job in jobs)

@@ -48,23 +48,20 @@ def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
     timings.sort(key=lambda timing: float(timing["ratio_to_floor"]))
     rows = [_row(timing) for timing in timings]
     # Below these stand the cells of `_row`.
-    headers = [("setting", ""), ("a query", "× floor ↓"), ("95 % interval", "× floor"), ("rounds apart", "%")]
+    headers = [("setting", ""), ("a query", "× floor ↓"), ("rounds", "× floor")]
     headers += [("between texels", "× floor ↓"), ("a sample", "ns ↓"), ("operations", "a query")]
     yield Table("times", f"Times of settings: {_conditions(run, timings[0])}", headers, rows, [_NOTE])
 
 
 def _row(timing: Timing) -> list[str]:
-    """The cells of a setting, in the order of the headers of `_settings`. “Rounds apart” is by how many per cent the
-    slowest round takes longer than the quickest."""
-    low, high = timing["ratio_interval95"]
+    """The cells of a setting, in the order of the headers of `_settings`: the median, and the quickest and the slowest
+    round."""
     rounds = timing["rounds"]
-    rounds_apart = 100 * (max(rounds) / min(rounds) - 1)
     between_texels = timing.get("ratio_between_texels")
     return [
         timing["label"],
         significant(timing["ratio_to_floor"], 3),
-        f"{significant(low, 3)} to {significant(high, 3)}",
-        significant(rounds_apart, 2),
+        f"{significant(min(rounds), 3)} to {significant(max(rounds), 3)}",
         significant(between_texels, 3) if between_texels else NONE,  # only of settings that are timed at texels
         significant(timing["ns_per_sample"], 3),
         f"{timing['flops']:,}",

@@ -10,8 +10,8 @@ numbers, not rounded, with NaN where nothing was measured, and texts. Columns th
 - `stale`: how its versions differ from the installed ones, so that it cannot be made again; or ""
 - `fitted_to_scene`: whether its file answers for one scene alone, so that it is ranked nowhere
 - `bits`: of the whole file, a texel
-- `eager`, `fused`, `gpu`: the most that a sample takes, × floor, by the rules of tables of budgets (upper ends of 95 %
-  intervals); `fit_seconds` of a processor
+- `eager`, `fused`, `gpu`: the time of a sample, × floor, a median, by the rules of tables of budgets
+- `fit_seconds`: of a processor
 - `codec_version`, `training`, `device`, `threads`: of its fit; `started`, `suite`, `git`, `processor`, `package/…`: of
   its run
 
@@ -166,8 +166,8 @@ def _rows(run: Run, on_gpu: Mapping[str, Timing], records: bool = True) -> Itera
     times_on_gpu = {}
     for job in comparable:
         timing = on_gpu.get(job["label"], Timing())
-        if "ratio_interval95" in timing:
-            times_on_gpu[job["job"]] = timing["ratio_interval95"][1]
+        if "ratio_to_floor" in timing:
+            times_on_gpu[job["job"]] = timing["ratio_to_floor"]
     for job in run.jobs:
         name = job["job"]
         fit = job.get("fit_key", FitKey())
@@ -206,24 +206,24 @@ def _rows(run: Run, on_gpu: Mapping[str, Timing], records: bool = True) -> Itera
 
 
 def _times_of(run: Run, jobs: Sequence[Job]) -> dict[str, dict[str, float]]:
-    """The times of a query by kind and name of job, × floor: the upper ends of 95 % intervals.
+    """The times of a query by kind and name of job, × floor: medians.
 
     Where settings were timed apart from surfaces, on one machine, no other eager times count.
     """
     names = {job["job"] for job in jobs}
 
-    def upper(timing_of: Mapping[str, Timing]) -> dict[str, float]:
-        """The upper end of the interval of each job's time."""
-        timed = {name: timing for name, timing in timing_of.items() if name in names and "ratio_interval95" in timing}
-        return {name: float(timing["ratio_interval95"][1]) for name, timing in timed.items()}
+    def medians(timing_of: Mapping[str, Timing]) -> dict[str, float]:
+        """The time of each job."""
+        timed = {name: timing for name, timing in timing_of.items() if name in names and "ratio_to_floor" in timing}
+        return {name: float(timing["ratio_to_floor"]) for name, timing in timed.items()}
 
     of_settings = {}
     for job in jobs:
         timing = run.setting_timing(job)
-        if timing and "ratio_interval95" in timing:
-            of_settings[job["job"]] = float(timing["ratio_interval95"][1])
+        if timing and "ratio_to_floor" in timing:
+            of_settings[job["job"]] = float(timing["ratio_to_floor"])
     of_jobs = {timing["job"]: timing for timing in run.timings}
-    return {EAGER: of_settings or upper(of_jobs), FUSED: upper(fused_times(run))}
+    return {EAGER: of_settings or medians(of_jobs), FUSED: medians(fused_times(run))}
 
 
 def _reasons(run: Run) -> dict[str, str]:

@@ -120,7 +120,7 @@ def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
 
 
 def interval_over_surfaces(drawn: np.ndarray) -> tuple[float, float]:
-    """The 95 % interval of a mean over surfaces, of `drawn` (surfaces, draws): values of each for drawn seeds.
+    """The 95 % interval of a median over surfaces, of `drawn` (surfaces, draws): values of each for drawn seeds.
 
     Surfaces and seeds are drawn with replacement. Draws of a few surfaces scatter less than new surfaces would, so the
     percentiles lie further out than 2.5 and 97.5: as far as Student's t does (Hesterberg, "What teachers should know
@@ -129,15 +129,15 @@ def interval_over_surfaces(drawn: np.ndarray) -> tuple[float, float]:
     from scipy.special import ndtr, stdtrit  # slow to import, and needed only here
 
     count, draws = drawn.shape
-    means = drawn[_draws_of_surfaces_and_seeds(count, draws)].mean(1)
+    medians = np.median(drawn[_draws_of_surfaces_and_seeds(count, draws)], 1)
     tail = 2.5  # per cent below and above the interval; of a single surface, whose seeds alone are drawn
     if count > 1:
         tail = 100 * float(ndtr(-stdtrit(count - 1, 0.975) * math.sqrt(count / (count - 1))))
-    low, high = np.percentile(means, [tail, 100 - tail])
+    low, high = np.percentile(medians, [tail, 100 - tail])
     return float(low), float(high)
 
 
-@lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many surfaces and seeds
+@lru_cache(maxsize=4)  # the intervals of a table mostly draw from as many surfaces and seeds, by kind and over all
 def _draws_of_surfaces_and_seeds(count: int, draws: int) -> tuple[np.ndarray, np.ndarray]:
     """For each resample as many of `count` surfaces, and of each of these one of the `draws` of its seeds; each
     (RESAMPLES, count)."""

@@ -13,11 +13,11 @@ def test_budgets_use_the_times_of_settings_alone_where_there_are_any(made):
     scores = {"heldout": group, "train": group, "validation": group}
     for label, flops in (("relief", 100), ("relief bits=2", 140), ("pca", 50)):
         cost = {"flops_per_sample": flops, "texture_channels": 1}
-        made.job(label, "satin", scores=scores, cost=cost).timing(label, "satin", ratio_interval95=[90.0, 99.0])
+        made.job(label, "satin", scores=scores, cost=cost).timing(label, "satin", ratio_to_floor=99.0)
     assert set(frame_of(load_run(made.folder))[EAGER]) == {99.0}
 
-    for label, flops, upper in (("relief", 100, 8.0), ("relief", 140, 12.0), ("relief bits=2", 140, 13.0)):
-        more = {"flops": flops, "rounds": [7.0, 8.0], "ratio_to_floor": 7.5, "ratio_interval95": [7.0, upper]}
+    for label, flops, median in (("relief", 100, 8.0), ("relief", 140, 12.0), ("relief bits=2", 140, 13.0)):
+        more = {"flops": flops, "rounds": [7.0, 8.0], "ratio_to_floor": median}
         append(made.folder, {"kind": "timing", "job": setting_name(label, flops), "label": label} | CONDITIONS | more)
     times = frame_of(load_run(made.folder)).set_index("job")[EAGER].dropna()
     assert times.to_dict() == {"satin/relief/0": 8.0, "satin/relief bits=2/0": 13.0}
