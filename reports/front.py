@@ -244,9 +244,14 @@ def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
 
 def rung_tables(run: Run) -> Iterator[Table]:
     """A table a material of the rungs that were chosen on it, with their budgets and quality. If there are several
-    materials, a table of the medians over them comes first."""
+    materials, the ladders of all lines and the medians over the materials come first."""
     rungs = rungs_of(run)
     surfaces = list(rungs.surfaces)
+    if len(surfaces) > 1:
+        columns = [_CODEC, Column("on", "surfaces", "surfaces"), Column("rungs", "", "rungs", 0, better="none")]
+        columns += [Column("bits a texel", "medians", "bits"), Column("seeds", "of each", "seeds")]
+        note = "A codec has one row if it has the same rungs, with as many seeds, on each surface that it has."
+        yield written("rungs", "Ladders: what was measured of each codec", _ladders(rungs), columns, [note], words=2)
     at_budgets = Column("at bits, times" if rungs.times else "at bits a texel", "", "budgets")
     total = Column("total", "bytes", "total", 0)
     notes = [_CHOICE, *_common(run, rungs)]
@@ -271,6 +276,25 @@ def rung_tables(run: Run) -> Iterator[Table]:
         values["stale"] = _stale(rungs, values["codec"], [material])
         title = f"{material}: the rung of each budget"
         yield written("rungs", title, values, columns, notes, words=3, material=material)
+
+
+def _ladders(rungs: Rungs) -> pd.DataFrame:
+    """A row for each line and each ladder that it has: on which surfaces, its rungs, their bits and their seeds."""
+    rows = []
+    for line, of_line in rungs.frame.groupby("line", sort=False):
+        surfaces_of: dict[tuple[tuple[str, int], ...], list[str]] = {}  # by ladder: its labels with counts of seeds
+        for surface, own in of_line.groupby("material", sort=False):
+            ladder = tuple(sorted(zip(own["label"], map(len, own["seeds"]), strict=True)))
+            surfaces_of.setdefault(ladder, []).append(str(surface))
+        for ladder, surfaces in surfaces_of.items():
+            own = of_line[of_line["material"].isin(surfaces)]
+            bits = own.groupby("label")["bits"].median().sort_values()
+            seeds = dict(ladder)
+            all_of_them = len(surfaces) == len(rungs.surfaces)
+            row = {"codec": line, "surfaces": f"all {len(surfaces)}" if all_of_them else ", ".join(surfaces)}
+            row |= {"rungs": len(ladder), "bits": ", ".join(significant(size, 2) for size in bits)}
+            rows.append(row | {"seeds": ", ".join(str(seeds[label]) for label in bits.index)})
+    return pd.DataFrame(rows)
 
 
 def _median_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:

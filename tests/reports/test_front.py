@@ -115,8 +115,8 @@ def test_no_best_is_marked_where_a_codec_leads_on_the_surfaces_that_it_has(made)
 
 
 def test_the_rungs_are_named_by_material(ladder):
-    means, satin, _ = TABLES["rungs"](load_run(ladder))
-    assert means.rows[0] == ["pca", "16–32", "128", "24.50", "0.750", "0.750"]
+    _, medians, satin, _ = TABLES["rungs"](load_run(ladder))
+    assert medians.rows[0] == ["pca", "16–32", "128", "24.50", "0.750", "0.750"]
     assert satin.material == "satin"
     assert satin.rows == [
         ["pca", "components=2", "16–32", "128", "25.00", "24.00", "0.750", "0.750"],
@@ -124,6 +124,25 @@ def test_the_rungs_are_named_by_material(ladder):
         ["relief", "bits=2", "32", "240", "28.00", "29.00", "0.750", "0.750"],
         ["relief", "default", "64–128", "400", "30.00", "31.00", "0.750", "0.750"],
         ["relief, as published", "default", "64–128", "480", "27.00", "26.00", "0.750", "0.750"],
+    ]
+
+
+def test_ladders_that_differ_from_surface_to_surface_are_rows_of_their_own(made):
+    def job(label, material, bits, seed=0):
+        scores = {"heldout": made._group(30.0), "validation": made._group(30.0)}
+        made.job(label, material, bytes={"total": bits * SIZE}, scores=scores, settings={"x": label}, seed=seed)
+
+    for material in ("satin", "brick", "wool"):
+        for label, bits in (("pca x=1", 8), ("pca x=2", 16)):
+            job(label, material, bits)
+        job("pca x=2", material, 18, seed=1)
+        job("vq x=1", material, 8)
+    job("vq x=2", "wool", 32)
+    ladders, *_ = TABLES["rungs"](load_run(made.folder))
+    assert ladders.rows == [
+        ["pca", "all 3", "2", "8.0, 17", "1, 2"],
+        ["vq", "satin, brick", "1", "8.0", "1"],
+        ["vq", "wool", "2", "8.0, 32", "1, 1"],
     ]
 
 
