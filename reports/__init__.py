@@ -55,7 +55,7 @@ FORMATS = ("text", "markdown", "latex", "csv", "raw")
 # The kinds that show only jobs with a score of validation pairs, by which they choose settings.
 BY_BUDGET = ("front", "curves", "budgets", "when", "ranks", "rungs")
 BY_MATERIAL = ("main", "slices", "angular", "radiance", "footprints", "scene")  # kinds of `reports.by_material`
-OF_VALUES = (*BY_BUDGET, "summary", *BY_MATERIAL, "paper")  # the kinds whose cells are written from numbers
+OF_WORDS = ("stress", "unfinished")  # the kinds whose cells are words, such as verdicts
 
 
 @dataclass(frozen=True)
@@ -119,16 +119,16 @@ def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.Data
     notes, units and better ends. Several tables of a kind stand one below the other, with the title of each as the
     first level of the index. `runs` are as for `table_text`.
 
-    Raises `InputError` if there is no such table, or the kind is not one of `OF_VALUES`, whose cells are written from
-    numbers.
+    Raises `InputError` if there is no such table, or the kind is one of `OF_WORDS`.
     """
     import pandas as pd
 
     from bench.inputs.errors import InputError
     from reports.tables import all_tables
 
-    if kind not in OF_VALUES:
-        raise InputError(f"table_values: not of the kind {kind!r}: choose one of {', '.join(OF_VALUES)}")
+    of_numbers = [each for each in KINDS if each not in OF_WORDS]
+    if kind not in of_numbers:
+        raise InputError(f"table_values: not of the kind {kind!r}: choose one of {', '.join(of_numbers)}")
     tables = all_tables(_together(runs, kind), kind=kind)
     if not tables:
         raise InputError(f"table_values: no such table: {WHY_EMPTY[kind]}")

@@ -5,12 +5,15 @@ the job's record. A *goal* is a PSNR that a fit should reach soon. PSNR is in dB
 """
 
 from collections.abc import Iterator, Sequence
+from math import nan
 from typing import NamedTuple
 
+import pandas as pd
+
 from bench.records import Job, Run, codec_of, grouped
-from reports.numbers import NONE, fixed, integer, significant
 from reports.rows import materials
 from reports.table import Table
+from reports.values import Column, Stale, written
 
 GOALS_DB = (30, 35)  # tables show how soon each is reached
 NOTE = (
@@ -73,25 +76,22 @@ def stages_note(curves: Sequence[FitCurve]) -> str:
 
 def fit_tables(run: Run) -> Iterator[Table]:
     """A table for each material with curves: the end of each fit, then steps and seconds to each goal."""
-    headers = [("codec", ""), ("end", "dB ↑"), ("steps", ""), ("time", "s ↓")]  # name and unit
+    stale = Stale(run.jobs)
+    columns = [Column("codec", "", "codec"), Column("end", "dB ↑", "psnr", 2)]
+    columns += [Column("steps", "", "steps", 0), Column("time", "s ↓", "seconds", -2)]
     for goal in GOALS_DB:
-        headers += [(f"to {goal} dB", "steps ↓"), (f"to {goal} dB", "s ↓")]
+        columns.append(Column(f"to {goal} dB", "steps ↓", f"steps to {goal}", 0))
+        columns.append(Column(f"to {goal} dB", "s ↓", f"seconds to {goal}", -2))
     for name, curves in curves_by_material(run).items():
-        rows = [[fit.label, *_cells(fit)] for fit in curves]
-        jobs = [[fit.job] for fit in curves]
-        yield Table("fits", f"{name}: how soon a fit is good", headers, rows, [NOTE], material=name, jobs=jobs)
+        values = pd.DataFrame([_row(fit) | {"stale": stale.of([fit.job])} for fit in curves])
+        yield written("fits", f"{name}: how soon a fit is good", values, columns, [NOTE], material=name)
 
 
-def _cells(fit: FitCurve) -> list[str]:
-    """PSNR, steps and seconds at the end of a fit, then steps and seconds to each goal; dashes for a goal that it did
-    not reach."""
+def _row(fit: FitCurve) -> dict[str, str | float]:
+    """PSNR, steps and seconds at the end of a fit, then steps and seconds to each goal; NaN for one not reached."""
     steps, seconds, psnr = fit.points[-1]
-    cells = [fixed(psnr, 2), integer(steps), significant(seconds, 2)]
+    row: dict[str, str | float] = {"codec": fit.label, "psnr": psnr, "steps": steps, "seconds": seconds}
     for goal in GOALS_DB:
-        goal_cells = [NONE, NONE]
-        for step, second, quality in fit.points:
-            if quality >= goal:  # the first point that reaches it
-                goal_cells = [integer(step), significant(second, 2)]
-                break
-        cells += goal_cells
-    return cells
+        reached = [(step, second) for step, second, quality in fit.points if quality >= goal]
+        row[f"steps to {goal}"], row[f"seconds to {goal}"] = reached[0] if reached else (nan, nan)
+    return row

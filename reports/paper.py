@@ -11,8 +11,7 @@ The *family* of a metric is its name without its variant: `ssim` of `ssim_period
 `paper-nearest` has for each material of the paper the *nearest* one that anyone can get.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from itertools import chain, product
 from math import isnan, nan
@@ -23,10 +22,10 @@ import pandas as pd
 
 from bench.metrics import stats_of
 from bench.records import FLIP, PSNR, SSIM, Job, Run, codec_of, grouped, shown_label
-from reports.numbers import NONE, fixed, integer, signed, stated
+from reports.numbers import NONE, fixed, signed, stated
 from reports.rows import of_suite
 from reports.table import Note, OfData, Table
-from reports.values import Column, Row, written
+from reports.values import Column, Row, Stale, written
 
 NONE_YET = "none yet"  # a cell of ours for a material that could not be had
 METHOD, RECIPE = "neubtf", "recipe=paper"  # the codec whose numbers the paper states, with the setting that it needs
@@ -74,11 +73,12 @@ def paper_tables(run: Run, absent: Mapping[str, str] | None = None, every_fit: b
     numbers = numbers[is_there]
     if numbers.empty and not missing:
         return []
-    tables = [_short_table(numbers, missing), _full_table(numbers, missing) if every_fit else None]
+    stale = Stale(run.jobs)
+    tables = [_short_table(numbers, missing, stale), _full_table(numbers, missing, stale) if every_fit else None]
     return [table for table in tables if table]
 
 
-def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
+def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str], stale: Stale) -> Table:
     """By metric the paper's numbers, ours and the differences of the means; a column for each of its materials.
 
     Ours are over the fitted pairs, as means over seeds, of the label by the paper's recipe with the most steps: on the
@@ -92,22 +92,19 @@ def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
     jobs = [job for (_, family), fit in ours.items() if family == PSNR for job in fit["jobs"]]
 
     rows: list[dict[str, Any]] = []
-    jobs_of_rows: list[list[str]] = []
     for family, (name, unit, digits) in _METRICS.items():
-        printed: dict[str, Any] = {"metric": f"{name} {unit[-1]}, print", "digits": digits}
-        own: dict[str, Any] = {"metric": f"{name} {unit[-1]}, ours", "digits": digits}
-        difference: dict[str, Any] = {"metric": f"{name}, ours − print", "digits": digits, "signed": True}
+        printed: dict[str, Any] = {"codec": f"{name} {unit[-1]}, print", "digits": digits, "stale": ""}
+        own: dict[str, Any] = {"codec": f"{name} {unit[-1]}, ours", "digits": digits, "stale": stale.of(jobs)}
+        difference = own | {"codec": f"{name}, ours − print", "signed": True}
         for material, published in PUBLISHED.items():
             printed[material], printed[f"{material} ±"] = published[family]
             fit = ours.get((material, family), {"mean": nan, "std": nan})
             own[material], own[f"{material} ±"] = fit["mean"], fit["std"]
             difference[material] = fit["mean"] - printed[material]
         rows += [printed, own, difference]
-        jobs_of_rows += [[], jobs, jobs]
-    rows.append({"metric": "LPIPS ↓", **dict.fromkeys(PUBLISHED, "not computed")})
-    jobs_of_rows.append([])
+    rows.append({"codec": "LPIPS ↓", "stale": "", **dict.fromkeys(PUBLISHED, "not computed")})
 
-    columns = [Column("metric", "", "metric")]
+    columns = [Column("metric", "", "codec")]
     notes = [
         "Mean ± standard deviation over the slices of fitted pairs, because the paper fits what it scores.",
         _UNLIKE,
@@ -128,8 +125,7 @@ def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
         notes.insert(1, f"Ours: {METHOD} {RECIPE}, the fit of most steps: {'; '.join(fits_in_words)}.")
     if len(fits_in_words) < len(PUBLISHED):
         notes.append(_HOW_TO_GET)
-    table = written("paper", "Table 1 of NeuBTF (2023), and ours", pd.DataFrame(rows, dtype=object), columns, notes)
-    return replace(table, jobs=jobs_of_rows)
+    return written("paper", "Table 1 of NeuBTF (2023), and ours", pd.DataFrame(rows, dtype=object), columns, notes)
 
 
 def _cell(material: str, row: Row) -> str:
@@ -150,7 +146,7 @@ def _fit_in_words(fit: Mapping[Any, Any]) -> str:
     return ", ".join(words)
 
 
-def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | None:
+def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str], stale: Stale) -> Table | None:
     """Three rows for each label on each material, as means over seeds; None without any row.
 
     They are over all pairs, over those that were fitted, and over held-out ones. A label without numbers has one row,
@@ -166,7 +162,7 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
         name = first["material"] if first["itself"] else f"{first['material']}, for {first['paper']}"
         spread = "" if isnan(first["over_seeds"]) else f", ± {fixed(first['over_seeds'], 2)}"
         row = {"material": ", ".join(filter(None, [name, first["size"]])), "codec": first["label"]}
-        row |= {"seeds": f"{first['seeds']}{spread}", "pairs": _PAIRS[first["group"]], "jobs": first["jobs"]}
+        row |= {"seeds": f"{first['seeds']}{spread}", "pairs": _PAIRS[first["group"]], "stale": stale.of(first["jobs"])}
         for fit in fits:
             family = fit["family"]
             row |= {family: fit["why"] if isnan(fit["mean"]) else fit["mean"], f"{family} ±": fit["std"]}
@@ -175,7 +171,7 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
             row |= dict.fromkeys([f"{family} print" for family in _METRICS], "")
         rows.append(row)
     for material in [name for name in missing if name in PUBLISHED]:
-        row = {"material": material, "codec": f"{METHOD} {RECIPE}", "seeds": "", "pairs": "all", "jobs": []}
+        row = {"material": material, "codec": f"{METHOD} {RECIPE}", "seeds": "", "pairs": "all", "stale": ""}
         rows.append(row | dict.fromkeys(_METRICS, NONE_YET) | _printed(material))
     if not rows:
         return None
@@ -188,8 +184,7 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
     if missing:
         notes.append(_HOW_TO_GET)
     values = pd.DataFrame(rows, dtype=object)
-    table = written("paper", "Quality of every fit, beside Table 1 of NeuBTF (2023)", values, columns, notes, words=4)
-    return replace(table, jobs=[row["jobs"] for row in rows])
+    return written("paper", "Quality of every fit, beside Table 1 of NeuBTF (2023)", values, columns, notes, words=4)
 
 
 def _printed(material: str) -> dict[str, float]:
@@ -257,9 +252,12 @@ def ablation_table(run: Run) -> Table | None:
         return None
     materials = list(dict.fromkeys(job["material"] for job in jobs))
 
-    headers = [("codec", ""), ("change", ""), ("decoder", "param."), ("a sample", "FLOP")]
+    columns = [Column("codec", "", "codec"), Column("change", "", "change")]
+    columns += [Column("decoder", "param.", "parameters", 0), Column("a sample", "FLOP", "flops", 0)]
     for material in materials:
-        headers += [(material, "dB ↑"), ("against as it is", "dB"), (material, "SSIM ↑")]
+        columns.append(Column(material, "dB ↑", f"{material} psnr", 2, better="none"))
+        columns.append(Column("against as it is", "dB", f"{material} gain", 2, signed=True, write=_gain(material)))
+        columns.append(Column(material, "SSIM ↑", f"{material} ssim", 3, better="none"))
     notes = [
         "dB: mean display PSNR of validation pairs; no test pair is among them.",
         Note(("FLOP: of the decoder's network.", lambda name: name == "a sample")),  # of that column alone
@@ -272,34 +270,45 @@ def ablation_table(run: Run) -> Table | None:
     for job in jobs:
         unchanged.setdefault(job["codec"], job["label"])
     rows = []
-    for label, (job, *_) in by_label.items():
+    stale = Stale(run.jobs)
+    for label, of_label in by_label.items():
+        job = of_label[0]
         unchanged_label = unchanged[job["codec"]]
         settings = label.split()[1:]  # after the codec
         changes = " ".join(setting for setting in settings if setting not in unchanged_label.split())
-        cost = [integer(job["parameters"]), integer(job["cost"].get("flops_per_sample"))]
-        cells = [job["codec"], changes or "as it is", *cost]
+        row: dict[str, Any] = {"codec": job["codec"], "change": changes or "as it is"}
+        row |= {"parameters": job["parameters"], "flops": job["cost"].get("flops_per_sample", nan)}
+        row["stale"] = stale.of(each["job"] for each in of_label)
         for material in materials:
-            psnr = _mean(jobs, material, label, PSNR)
-            unchanged_psnr = _mean(jobs, material, unchanged_label, PSNR)
-            gain = ""  # also of the codec as it is, which would have 0
-            if psnr is not None and unchanged_psnr is not None and label != unchanged_label:
-                gain = signed(psnr - unchanged_psnr)
-            ssim = _mean(jobs, material, label, SSIM)
-            cells += [fixed(psnr, 2), gain, fixed(ssim, 3)]
-        rows.append(cells)
-    if any(NONE in row for row in rows):
+            row[f"{material} psnr"] = psnr = _mean(jobs, material, label, PSNR)
+            row[f"{material} ssim"] = _mean(jobs, material, label, SSIM)
+            is_changed = label != unchanged_label  # that of the codec as it is would be 0
+            row[f"{material} gain"] = psnr - _mean(jobs, material, unchanged_label, PSNR) if is_changed else nan
+        rows.append(row)
+    values = pd.DataFrame(rows)
+    if values.filter(regex=" psnr$| ssim$").isna().any(axis=None) or values["flops"].isna().any():
         notes.append(f"{NONE}: not measured.")
     title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
-    jobs_of_rows = [[job["job"] for job in of_label] for of_label in by_label.values()]
-    return Table("ablation", title, headers, rows, notes, words=2, jobs=jobs_of_rows)
+    return written("ablation", title, values, columns, notes, words=2)
 
 
-def _mean(jobs: Iterable[Job], material: str, label: str, family: str) -> float | None:
-    """The mean of a metric over slices, then over the seeds of a label on a material; None where there is no number."""
+def _gain(material: str) -> Callable[[Row], str]:
+    """A function that writes the gain of a row on a material; "" without one."""
+
+    def write(row: Row) -> str:
+        """The gain in dB with its sign."""
+        gain = row[f"{material} gain"]
+        return "" if isnan(gain) else signed(gain)
+
+    return write
+
+
+def _mean(jobs: Iterable[Job], material: str, label: str, family: str) -> float:
+    """The mean of a metric over slices, then over the seeds of a label on a material; NaN where there is no number."""
     numbers = []
     for job in jobs:
         if job["material"] == material and job["label"] == label:
             mean = stats_of(job, family).get("mean")
             if mean is not None:
                 numbers.append(mean)
-    return fmean(numbers) if numbers else None
+    return fmean(numbers) if numbers else nan

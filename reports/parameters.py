@@ -9,13 +9,19 @@ Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo
 "NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers in their papers or their authors' code.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from itertools import chain
-from typing import NamedTuple, cast
+from math import nan
+from typing import Any, NamedTuple, cast
+
+import pandas as pd
 
 from bench.records import Job, grouped, shown_label
-from reports.numbers import NONE, fixed, integer
+from reports.numbers import NONE
 from reports.table import Table
+from reports.values import Column, Row, Stale, written
+
+EXECUTIONS = ("eager", "fused", "gpu")
 
 
 class Published(NamedTuple):
@@ -60,6 +66,7 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     `bench.conformance.verdicts.count` made it only to count its parameters.
     """
     # The jobs of each row.
+    jobs = [*jobs]
     finished = [job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED]
     decoders = grouped(finished, _decoder)
     if not decoders:
@@ -71,9 +78,10 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     chosen = [min(same_decoder, key=lambda job: len(job["label"])) for same_decoder in jobs_of_rows]
     counted = list(chain.from_iterable(jobs_of_rows))
 
-    headers = [("method", ""), ("codec", "")]
-    for quantity in ("param.", "channels"):  # below them, the cells of `_beside`
-        headers += [(quantity, "ours"), (quantity, "paper"), (quantity, "diff.")]
+    columns = [Column("method", "", "method"), Column("codec", "", "codec")]
+    for quantity in ("param.", "channels"):
+        columns += [Column(quantity, "ours", f"{quantity} ours", 0), Column(quantity, "paper", f"{quantity} paper", 0)]
+        columns.append(Column(quantity, "diff.", f"{quantity} difference", 0, write=_difference(quantity)))
 
     # Title and notes.
     title = "Decoder parameters and texture channels, beside those published"
@@ -88,40 +96,27 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
         notes.append(f"{NONE} {', '.join(absent)}: no codec of this method was measured.")
 
     # The counts, and to their right the times, if a job has any.
+    stale = Stale(jobs)
     rows = []
     for job in chosen:
         paper = _published(job)
-        parameters = _beside(cast(int, job["parameters"]), paper.parameters)
-        channels = _beside(job["cost"]["texture_channels"], paper.channels)
-        rows.append([paper.method, shown_label(job), *parameters, *channels])
+        row: dict[str, Any] = {"method": paper.method, "codec": shown_label(job), "ns paper": paper.ns}
+        row |= _beside("param.", cast(int, job["parameters"]), paper.parameters)
+        rows.append(row | _beside("channels", job["cost"]["texture_channels"], paper.channels))
     times = [_times(same_decoder) for same_decoder in jobs_of_rows]
     if any(times):
         gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
-        headers += _time_headers(gpus)
-        for row, job, ns in zip(rows, chosen, times, strict=True):
-            row += _time_cells(job, ns, gpus)
+        columns += [Column("a sample", "ns eager", "eager", 0), Column("a sample", "ns fused", "fused", 0)]
+        if gpus:
+            columns.append(Column("a sample", "ns GPU", "gpu", 1))
+        columns.append(Column("a sample", "ns paper", "ns paper"))
+        rows = [row | {name: ns.get(name, nan) for name in EXECUTIONS} for row, ns in zip(rows, times, strict=True)]
         notes.append("Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name.")
         if gpus:
             notes.append(f"GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20.")
-    names = [[job.get("job", "") for job in same_decoder] for same_decoder in jobs_of_rows]
-    return Table("parameters", title, headers, rows, notes, words=2, jobs=names)
-
-
-def _time_headers(gpus: Sequence[str]) -> list[tuple[str, str]]:
-    """The headers of the times, that of a GPU only if `gpus`, the names of those that were measured, has any."""
-    headers = [("a sample", "ns eager"), ("a sample", "ns fused")]
-    if gpus:
-        headers.append(("a sample", "ns GPU"))
-    return [*headers, ("a sample", "ns paper")]
-
-
-def _time_cells(job: TimedJob, ns: Mapping[str, float], gpus: Sequence[str]) -> list[str]:
-    """The cells below `_time_headers`; `ns` maps an execution to nanoseconds a sample. A time that is missing is a
-    dash."""
-    cells = [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0)]
-    if gpus:
-        cells.append(fixed(ns.get("gpu"), 1))
-    return [*cells, _published(job).ns]
+    values = pd.DataFrame(rows)
+    values["stale"] = [stale.of(job.get("job", "") for job in same_decoder) for same_decoder in jobs_of_rows]
+    return written("parameters", title, values, columns, notes, words=2)
 
 
 class _Decoder(NamedTuple):
@@ -141,10 +136,20 @@ def _decoder(job: Job) -> _Decoder:
     return _Decoder(place, is_our_recipe, cast(int, job["parameters"]), job["cost"]["texture_channels"])
 
 
-def _beside(ours: int, published: int) -> list[str]:
-    """The cells of a quantity: our number, the published one, and ours − published."""
-    difference = f"{ours - published:+,}" if ours != published else "0"
-    return [integer(ours), integer(published), difference]
+def _beside(quantity: str, ours: int, published: int) -> dict[str, int]:
+    """The values of a quantity: our number, the published one, and ours − published."""
+    return {f"{quantity} ours": ours, f"{quantity} paper": published, f"{quantity} difference": ours - published}
+
+
+def _difference(quantity: str) -> Callable[[Row], str]:
+    """A function that writes the difference of a quantity with its sign."""
+
+    def write(row: Row) -> str:
+        """The difference of a row; 0 has no sign."""
+        difference = row[f"{quantity} difference"]
+        return f"{difference:+,}" if difference else "0"
+
+    return write
 
 
 def _times(same_decoder: Iterable[TimedJob]) -> dict[str, float]:

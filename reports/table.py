@@ -96,7 +96,6 @@ class Table:
     material: str = ""  # the material, if the table is of one
     fold: int = 22  # the width at which a terminal folds the first column, if only that holds words
     marks: dict[tuple[int, int], str] = field(default_factory=dict)  # by row and column: `BOLD` or `UNDERLINED`
-    jobs: list[list[str]] = field(default_factory=list)  # names of the jobs that each row shows, where stale ones count
     values: "pd.DataFrame | None" = None  # the numbers of which the cells were written, of a table that has them
 
     @property

@@ -8,13 +8,18 @@ multiple of the floor for each round on each surface. The *limit* is the time of
 machine's measured rates.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from math import isnan, nan
+from typing import Any
+
+import pandas as pd
 
 from bench.compare.choosing import usual_batch
 from bench.records import Machine, Run, Timing, conditions_in_words, timed_on
 from reports.numbers import NONE, significant
 from reports.table import Table
+from reports.values import Column, Row, written
 
 _NOTE = (
     "Each setting in turns with the floor, one bilinear fetch of a colour, pooled over surfaces and rounds. Quality is "
@@ -46,26 +51,23 @@ def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
     if not timings:
         return
     timings.sort(key=lambda timing: float(timing["ratio_to_floor"]))
-    rows = [_row(timing) for timing in timings]
-    # Below these stand the cells of `_row`.
-    headers = [("setting", ""), ("a query", "× floor ↓"), ("rounds", "× floor")]
-    headers += [("between texels", "× floor ↓"), ("a sample", "ns ↓"), ("operations", "a query")]
-    yield Table("times", f"Times of settings: {_conditions(run, timings[0])}", headers, rows, [_NOTE])
-
-
-def _row(timing: Timing) -> list[str]:
-    """The cells of a setting, in the order of the headers of `_settings`: the median, and the quickest and the slowest
-    round."""
-    rounds = timing["rounds"]
-    between_texels = timing.get("ratio_between_texels")
-    return [
-        timing["label"],
-        significant(timing["ratio_to_floor"], 3),
-        f"{significant(min(rounds), 3)} to {significant(max(rounds), 3)}",
-        significant(between_texels, 3) if between_texels else NONE,  # only of settings that are timed at texels
-        significant(timing["ns_per_sample"], 3),
-        f"{timing['flops']:,}",
+    columns = [Column("setting", "", "label"), Column("a query", "× floor ↓", "ratio_to_floor", -3, better="none")]
+    columns += [Column("rounds", "× floor", "least", -3, beside="most", pair=" to {}")]
+    columns += [Column("between texels", "× floor ↓", "ratio_between_texels", -3, better="none")]
+    columns += [
+        Column("a sample", "ns ↓", "ns_per_sample", -3, better="none"),
+        Column("operations", "a query", "flops", 0),
     ]
+    values = pd.DataFrame([_row(timing) for timing in timings])
+    yield written("times", f"Times of settings: {_conditions(run, timings[0])}", values, columns, [_NOTE])
+
+
+def _row(timing: Timing) -> dict[str, Any]:
+    """The values of a setting: medians, and the quickest and the slowest round."""
+    names = ("label", "ratio_to_floor", "ns_per_sample", "flops")
+    row: dict[str, Any] = {name: timing.get(name) for name in names}
+    row["ratio_between_texels"] = timing.get("ratio_between_texels", nan)  # only of settings that are timed at texels
+    return row | {"least": min(timing["rounds"]), "most": max(timing["rounds"])}
 
 
 def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
@@ -83,18 +85,22 @@ def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
         timings_of_label.setdefault(timing["label"], {})[_variant(timing)] = timing
     rows = []
     for label, timing_of_variant in timings_of_label.items():
-        cells = [_setting(label)]
+        row: dict[str, Any] = {"setting": _setting(label)}
         for variant in variants:
-            timing_or_none = timing_of_variant.get(variant)
-            cells.append(_time_and_limit(timing_or_none) if timing_or_none else NONE)
-        rows.append(cells)
-    headers = [("setting", ""), *((variant, "ns, % of limit") for variant in variants)]
+            timing = timing_of_variant.get(variant, Timing())
+            row[variant] = timing.get("ns_per_sample", nan)
+            row[f"{variant} limit"] = timing.get("limit_ns", nan)
+            row[f"{variant} off"] = timing.get("of_tolerance", 0.0) > 1  # of what is allowed from float64
+        rows.append(row)
+    columns = [Column("setting", "", "setting")]
+    columns += [Column(variant, "ns, % of limit", variant, -3, write=_time_and_limit(variant)) for variant in variants]
     shared_by_all = _conditions(run, timings[0], variant="each variant")
     note = (
         "ns a sample, and the time that arithmetic or reads take at the machine's measured rates, as a share of it. "
         "!: answers differ from float64's by more than the precision allows (docs/trade.md)."
     )
-    yield Table("times", f"Executions and precisions: {shared_by_all}", headers, rows, [note])
+    title = f"Executions and precisions: {shared_by_all}"
+    yield written("times", title, pd.DataFrame(rows), columns, [note])
 
 
 def _setting(label: str) -> str:
@@ -107,12 +113,18 @@ def _variant(timing: Timing) -> str:
     return f"{timing['execution']} {timing['dtype']}"
 
 
-def _time_and_limit(timing: Timing) -> str:
-    """A cell: ns a sample, and how many per cent of this time the machine's limit is; “!” after the time if the answers
-    are off: “12.3!, 45”."""
-    percent = 100 * timing["limit_ns"] / timing["ns_per_sample"]
-    mark = "!" if timing["of_tolerance"] > 1 else ""  # the largest difference from float64, over what is allowed
-    return f"{significant(timing['ns_per_sample'], 3)}{mark}, {significant(percent, 2)}"
+def _time_and_limit(variant: str) -> Callable[[Row], str]:
+    """A function that writes ns a sample in a variant, and how many per cent of this time the machine's limit is; “!”
+    after the time if the answers are off: “12.3!, 45”."""
+
+    def write(row: Row) -> str:
+        """The cell of a row; a dash without a time."""
+        if isnan(row[variant]):
+            return NONE
+        percent = 100 * row[f"{variant} limit"] / row[variant]
+        return f"{significant(row[variant])}{'!' * row[f'{variant} off']}, {significant(percent, 2)}"
+
+    return write
 
 
 def _batches(timings: list[Timing]) -> Iterator[Table]:
@@ -126,12 +138,14 @@ def _batches(timings: list[Timing]) -> Iterator[Table]:
     rows = []
     for (label, execution), ns_of_batch in ns_of_row.items():
         if len(ns_of_batch) > 1:  # a single batch is in the table of `_variants`
-            numbers = [significant(ns_of_batch.get(batch), 3) for batch in batches]
-            rows.append([_setting(label), execution, *numbers])
+            ns_of_column = {f"{batch:,}": ns for batch, ns in ns_of_batch.items()}
+            rows.append({"setting": _setting(label), "execution": execution, **ns_of_column})
     if not rows:
         return
-    headers = [("setting", ""), ("execution", ""), *((f"{batch:,}", "ns ↓") for batch in batches)]
-    yield Table("times", "Batches: ns a sample in float32, by the samples of a query", headers, rows, [], words=2)
+    columns = [Column("setting", "", "setting"), Column("execution", "", "execution")]
+    columns += [Column(f"{batch:,}", "ns ↓", f"{batch:,}", -3, better="none") for batch in batches]
+    title = "Batches: ns a sample in float32, by the samples of a query"
+    yield written("times", title, pd.DataFrame(rows), columns, [], words=2)
 
 
 def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
@@ -140,12 +154,11 @@ def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
     if not timings:
         return
     timings.sort(key=lambda timing: float(timing["ns_per_sample"]))
-    rows = []
-    for timing in timings:
-        milliseconds = timing["ns_per_sample"] / 1e6  # here a "sample" is one step
-        rows.append([timing["label"], significant(milliseconds, 3)])
+    # Here a "sample" is one step.
+    rows = [{"setting": timing["label"], "milliseconds": timing["ns_per_sample"] / 1e6} for timing in timings]
+    columns = [Column("setting", "", "setting"), Column("a step", "ms ↓", "milliseconds", -3, better="none")]
     place = timed_on(timings[0], _processor(run, timings[0]))
-    yield Table("times", f"Steps of fits: {place}", [("setting", ""), ("a step", "ms ↓")], rows, [])
+    yield written("times", f"Steps of fits: {place}", pd.DataFrame(rows), columns, [])
 
 
 def _conditions(run: Run, timing: Timing, variant: str = "") -> str:

@@ -11,24 +11,29 @@ at one pair of view and light directions.
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from math import inf, nan
 from operator import itemgetter
 from typing import Any, cast
 
+import pandas as pd
+
 from bench.compare.choosing import answers, name_of_choice, on_front
 from bench.records import Run, Timing, conditions_in_words, grouped
-from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
+from reports.numbers import NONE
 from reports.table import Table
 from reports.text import fields_csv
+from reports.values import Column, Stale, written
 
 
 def trade_tables(run: Run) -> Iterator[Table]:
     """Choices and profiles of each material, the ceilings last; none if no trade was measured."""
+    stale = Stale(run.jobs)
     profiles_of = grouped(run.profiles, itemgetter("material"))
     for material, rows in grouped(run.choices, itemgetter("material")).items():
         rows.sort(key=lambda row: "of" not in row)  # the floor last
-        yield _choices(material, rows, list(answers(material, rows)))
+        yield _choices(material, rows, list(answers(material, rows)), stale)
         if any("from_float32" in row for row in rows):  # without other executions there is nothing to compare
-            yield _stability(material, rows)
+            yield _stability(material, rows, stale)
         if material in profiles_of:
             yield _profile(material, profiles_of[material])
     floors = [row for row in run.choices if "of" not in row]
@@ -47,12 +52,27 @@ def choices_csv(run: Run) -> str:
     return fields_csv(rows) if rows else ""
 
 
-# The headers of `_choices`, name and unit; those of noise only where it was measured.
-_CHOICES = [("choice", ""), ("PSNR", "dB ↑"), ("worst", "slice, dB ↑"), ("FLIP", "↓"), ("total", "bytes ↓")]
-_CHOICES += [("time", "ns ↓"), ("time", "× floor"), ("95 % interval", "× floor")]
-_CHOICES += [("of the", "limit, %"), ("on the front", "of")]
-_NOISE = [("1 % noise", "samples, cosine ↓"), ("1 % noise", "samples, lobes ↓")]
-_NOISE += [("equal error", "s, cosine ↓"), ("equal error", "s, lobes ↓")]
+_COLUMNS = [
+    Column("choice", "", "codec"),
+    Column("PSNR", "dB ↑", "psnr", 2, better="none"),
+    Column("worst", "slice, dB ↑", "worst", 2, better="none"),
+    Column("FLIP", "↓", "flip", 3, better="none"),
+    Column("total", "bytes ↓", "bytes", 0, better="none"),
+    Column("time", "ns ↓", "ns_per_sample", -3, better="none"),
+    Column("time", "× floor", "ratio_to_floor", -3),
+    Column("95 % interval", "× floor", "low", -3, beside="high", pair=" to {}"),
+    Column("of the", "limit, %", "of limit", 1, after=(" *", "above limit")),
+    Column("on the front", "of", "fronts"),
+]
+# Only where noise was measured: samples to equal noise, then seconds to equal error, each for light directions by the
+# cosine and from lobes.
+_NOISE = [
+    Column("1 % noise", "samples, cosine ↓", "samples, cosine", -3, better="none"),
+    Column("1 % noise", "samples, lobes ↓", "samples, lobes", -3, better="none"),
+    Column("equal error", "s, cosine ↓", "seconds, cosine", -3, better="none"),
+    Column("equal error", "s, lobes ↓", "seconds, lobes", -3, better="none"),
+]
+_NUMBERS = ("psnr", "worst", "flip", "bytes", "ns_per_sample", "ratio_to_floor", "limit_ns")
 
 
 _ABOVE = (
@@ -61,66 +81,46 @@ _ABOVE = (
 )
 
 
-def _choices(material: str, rows: Sequence[Timing], sentences: list[str]) -> Table:
+def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale: Stale) -> Table:
     """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
 
     `sentences` are about the material, such as which choice is the fastest: they are its first notes.
     """
-    has_noise = any("noise" in row or "noise_error" in row for row in rows)
-    headers = list(_CHOICES)
     measured = [row for row in rows if "of" in row and "error" not in row]
     fronts = {"speed": on_front(measured, "ns_per_sample"), "rate": on_front(measured, "bytes")}
-    cells = [_choice_cells(row, fronts) for row in rows]
+    values = pd.DataFrame([_values(row, fronts) | {"stale": stale.of([row.get("job", "")])} for row in rows])
     notes = [*sentences, _conditions(rows)]
     notes += [f"{name_of_choice(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed
-    if any(row["limit_ns"] > row["ns_per_sample"] for row in measured):
+    if values["above limit"].any():
         notes.append(_ABOVE)
-    if has_noise:
-        headers += _NOISE
-        for row, cells_of_row in zip(rows, cells, strict=True):
-            cells_of_row += _noise_cells(row)
+    columns = [*_COLUMNS]
+    if any("noise" in row or "noise_error" in row for row in rows):
+        columns += _NOISE
         notes += _noise_notes(rows)
     title = f"{material}: gains and losses of each setting"
-    jobs = [[row.get("job", "")] for row in rows]
-    return Table("trade", title, headers, cells, notes, material=material, jobs=jobs)
+    return written("trade", title, values, columns, notes, material=material)
 
 
-def _noise_cells(row: Timing) -> list[str]:
-    """The cells below `_NOISE`: samples to equal noise, then seconds to equal error, each for light directions by the
-    cosine and from lobes; dashes if noise was not measured."""
-    noise = row.get("noise")
-    if not noise:
-        return [NONE] * len(_NOISE)
-    return [significant(value) for value in (*noise["samples"], *noise["seconds"])]
+def _values(row: Timing, fronts: Mapping[str, set[str]]) -> dict[str, Any]:
+    """The values of a choice; the floor has times alone, and one whose time cannot be measured its quality and bytes.
 
-
-def _choice_cells(row: Timing, fronts: Mapping[str, set[str]]) -> list[str]:
-    """The cells of a choice, in the order of `_CHOICES`; the floor has times alone, and a failed choice dashes.
-
-    A choice whose time cannot be measured has its quality and bytes, and dashes after them.
+    NaN stands for what there is not, infinity for the PSNR of an exact slice.
     """
-    if "error" in row:
-        known = _quality_cells(row) if "psnr" in row else []
-        dashes = [NONE] * (len(_CHOICES) - 1 - len(known))
-        return [name_of_choice(row), *known, *dashes]
-    time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
-    time.append(" to ".join(map(significant, row["ratio_interval95"])))
-    if "bytes" not in row:  # it is the floor
-        return [name_of_choice(row), NONE, NONE, NONE, NONE, *time, NONE, NONE]
-    of_limit = row["limit_ns"] / row["ns_per_sample"]
-    limit = fixed(100 * of_limit, 1)  # per cent
-    if of_limit > 1:
-        limit += " *"
-    on_fronts = ", ".join(word for word, names in fronts.items() if row["job"] in names)
-    return [name_of_choice(row), *_quality_cells(row), *time, limit, on_fronts or NONE]
-
-
-def _quality_cells(row: Timing) -> list[str]:
-    """PSNR, worst slice, FLIP and bytes of a choice that was scored."""
-    psnr = row["psnr"]
-    mean = fixed(psnr, 2)
-    worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
-    return [mean, worst, fixed(row["flip"], 3), integer(row["bytes"])]
+    found: dict[str, Any] = {"codec": name_of_choice(row), "above limit": False, "fronts": NONE}
+    scored = "psnr" in row or "error" not in row  # a choice that failed before has nothing to show
+    for name in _NUMBERS:
+        value = row.get(name, nan) if scored else nan
+        found[name] = inf if value is None else value  # of no error, None in a record
+    found["low"], found["high"] = row.get("ratio_interval95", (nan, nan))
+    found["of limit"] = nan
+    if "bytes" in row and "error" not in row:  # not the floor
+        of_limit = row["limit_ns"] / row["ns_per_sample"]
+        found["of limit"], found["above limit"] = 100 * of_limit, of_limit > 1
+        found["fronts"] = ", ".join(word for word, names in fronts.items() if row["job"] in names) or NONE
+    noise = row.get("noise", {"samples": (nan, nan), "seconds": (nan, nan)})
+    for quantity in ("samples", "seconds"):
+        found[f"{quantity}, cosine"], found[f"{quantity}, lobes"] = noise[quantity]
+    return found
 
 
 def _noise_notes(rows: Sequence[Timing]) -> Iterator[str]:
@@ -147,34 +147,31 @@ def _conditions(rows: Sequence[Timing]) -> str:
     )
 
 
-def _stability(material: str, rows: Sequence[Timing]) -> Table:
+def _stability(material: str, rows: Sequence[Timing], stale: Stale) -> Table:
     """A row for each choice of another execution or precision than eager float32: its time, and how far its answers are
     from those of eager float32 with the same label. `rows` are all choices of the material."""
-    psnr_of_eager_float32 = {}  # by label
+    psnr_of_eager_float32: dict[str, float] = {}  # by label
     for row in rows:
         is_eager_float32 = name_of_choice(row) == row["label"]  # only its choices are named by their label alone
         if is_eager_float32 and "psnr" in row:
-            psnr_of_eager_float32[row["label"]] = row["psnr"]
-    cells = []
-    jobs = []
+            psnr_of_eager_float32[row["label"]] = cast(float, row["psnr"])
+    found = []
     for row in rows:
         if "from_float32" in row:  # PSNR in dB, None without any difference
-            worst = EXACT if row["from_float32"] is None else fixed(row["from_float32"], 1)
-            eager_psnr = psnr_of_eager_float32.get(row["label"])  # None if its slices could not be read
-            gained = NONE
-            if eager_psnr is not None:
-                gained = signed(cast(float, row["psnr"]) - eager_psnr)
-            time = significant(row["ratio_to_floor"])
-            cells.append([name_of_choice(row), time, worst, gained, fixed(row["flip"], 3)])
-            jobs.append([row.get("job", "")])
+            worst = inf if row["from_float32"] is None else row["from_float32"]
+            # Without that of eager float32 its slices could not be read.
+            gained = cast(float, row["psnr"]) - psnr_of_eager_float32.get(row["label"], nan)
+            own = {"codec": name_of_choice(row), "time": row["ratio_to_floor"], "worst": worst, "gained": gained}
+            found.append(own | {"flip": row["flip"], "stale": stale.of([row.get("job", "")])})
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."
     )
     title = f"{material}: stability of executions and precisions"
-    headers = [("choice", ""), ("time", "× floor"), ("worst slice", "from float32, dB ↑")]
-    headers += [("gained", "dB"), ("FLIP", "↓")]
-    return Table("trade", title, headers, cells, [note], material=material, jobs=jobs)
+    columns = [Column("choice", "", "codec"), Column("time", "× floor", "time", -3)]
+    columns += [Column("worst slice", "from float32, dB ↑", "worst", better="none")]
+    columns += [Column("gained", "dB", "gained", 2, signed=True), Column("FLIP", "↓", "flip", 3, better="none")]
+    return written("trade", title, pd.DataFrame(found), columns, [note], material=material)
 
 
 _CONDITION = ("part", "batch", "coherent", "footprint", "threads")  # fields that tell the rows of a profile apart
@@ -186,19 +183,18 @@ def _profile(material: str, records: Sequence[Timing]) -> Table:
     records_of_condition = grouped(records, itemgetter(*_CONDITION))
     rows = []
     for (part, batch, coherent, footprint, threads), same_condition in records_of_condition.items():
-        queries = "slice" if coherent else "random"
-        condition_cells = [part, integer(batch), queries, significant(footprint), str(threads)]
+        row = {"part": part, "batch": batch, "queries": "slice" if coherent else "random", "footprint": footprint}
         ns_of_codec = {record["label"]: record["ns_per_sample"] for record in same_condition}
-        time_cells = [significant(ns_of_codec.get(codec)) for codec in codecs]
-        rows.append([*condition_cells, *time_cells])
-    headers = [("part", ""), ("batch", ""), ("queries", ""), ("footprint", "texels"), ("threads", "")]
-    headers += [(codec, "ns ↓") for codec in codecs]
+        rows.append({**row, "threads": threads, **ns_of_codec})
+    columns = [Column("part", "", "part"), Column("batch", "", "batch", 0), Column("queries", "", "queries")]
+    columns += [Column("footprint", "texels", "footprint", -3), Column("threads", "", "threads", 0)]
+    columns += [Column(codec, "ns ↓", codec, -3, better="none") for codec in codecs]
     note = (
         "Eager, float32. decoder: its networks alone; evaluate: with the texture's fetch; query: with all checks. "
         "slice: all texels of one pair; random: random places, and directions up to 75°."
     )
     title = f"{material}: time by part, batch, order and threads"
-    return Table("trade", title, headers, rows, [note], material=material)
+    return written("trade", title, pd.DataFrame(rows), columns, [note], material=material)
 
 
 def _ceilings(floors: Sequence[Timing]) -> Table:
@@ -209,15 +205,13 @@ def _ceilings(floors: Sequence[Timing]) -> Table:
         for ceiling in floor["ceilings"]:
             ceiling_of[ceiling["device"], ceiling["threads"], ceiling["dtype"]] = ceiling
     left_out = floors[-1].get("left_out", [])
-    headers = [("device", ""), ("threads", ""), ("numbers", ""), ("multiply-add", "Gflop/s"), ("copy", "GB/s")]
-    rows = []
-    for ceiling in ceiling_of.values():
-        # A flop a ns is a Gflop/s, and a byte a ns is a GB/s.
-        rates = [significant(ceiling["flops_per_ns"]), significant(ceiling["bytes_per_ns"])]
-        rows.append([ceiling["device"], str(ceiling["threads"]), ceiling["dtype"], *rates])
+    columns = [Column("device", "", "device"), Column("threads", "", "threads", 0), Column("numbers", "", "dtype")]
+    # A flop a ns is a Gflop/s, and a byte a ns is a GB/s.
+    columns += [Column("multiply-add", "Gflop/s", "flops_per_ns", -3), Column("copy", "GB/s", "bytes_per_ns", -3)]
     note = (
         f"Left out, because this processor only emulates their precision: {', '.join(left_out)}. "
         "`neubtf-bench trade --emulated` measures them too."
     )
     notes = [note] if left_out else []
-    return Table("trade", "ceilings: measured rates of this machine", headers, rows, notes)
+    title = "ceilings: measured rates of this machine"
+    return written("trade", title, pd.DataFrame([*ceiling_of.values()]), columns, notes)

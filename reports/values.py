@@ -5,12 +5,14 @@ the values come from, how they are written, and which end is the better one. Mar
 columns of the frame.
 """
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from math import inf, isfinite, isnan, nan
 from typing import Any, NamedTuple
 
 import pandas as pd
 
+from bench.codecs.alike import stale
+from bench.records import Job
 from reports.numbers import EXACT, NONE, fixed, signed, significant
 from reports.table import BOLD, FEW, STALE, UNDERLINED, Spread, Table, stale_note
 
@@ -103,6 +105,19 @@ def written(
     return Table(
         kind, title, headers, rows, all_notes, words, material, marks=marks, values=_named(values, columns, words)
     )
+
+
+class Stale:
+    """Why the installed versions cannot make some jobs again."""
+
+    def __init__(self, jobs: Iterable[Job]):
+        """Compare the version of each finished job with the installed one; a job without a name was not measured."""
+        finished = {job["job"]: job for job in jobs if job["status"] == "ok" and "job" in job}
+        self.reasons = {name: f"{finished[name]['codec']}: {why}" for name, why in stale(finished.values()).items()}
+
+    def of(self, jobs: Iterable[str]) -> str:
+        """The codec of the first of some jobs, by name, that cannot be made again, and why; "" if all can."""
+        return next((self.reasons[job] for job in jobs if job in self.reasons), "")
 
 
 def _named(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -> pd.DataFrame:

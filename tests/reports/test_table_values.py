@@ -64,4 +64,4 @@ def test_the_papers_table_as_a_frame_has_print_ours_and_their_differences() -> N
 
 def test_a_kind_that_has_no_numbers_is_refused() -> None:
     with pytest.raises(InputError, match="front"):
-        reports.table_values("times", BUDGETS)
+        reports.table_values("stress", BUDGETS)
