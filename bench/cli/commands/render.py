@@ -2,7 +2,7 @@
 
 The scene is `sphere`, `plane`, `drape` or another one that ships with the suite, or a TOML file (see docs/scenes.md).
 With the extra [mitsuba] it may be a Mitsuba 3 XML file: the codec files replace one of its BSDFs (see
-docs/rendering.md). Several files, and the BTF of --truth before them, stand side by side at one exposure, with
+docs/materials.md). Several files, and the BTF of --truth before them, stand side by side at one exposure, with
 captions below in a PNG: codec, bytes, and the display PSNR in this frame where --truth is given.
 
 examples:
