@@ -49,7 +49,8 @@ SWEPT = 6  # settings that are timed in each of `BATCHES`, one a codec
 TRIED = "tried.txt"
 GIVEN_UP = "given-up.txt"
 FIT_STEPS = 100  # that are timed of a fit, beyond its first
-PRECISIONS = {"eager": tuple(DTYPES), "compiled": ("float32", "float16"), "fused": tuple(DTYPES)}
+PRECISIONS = {"eager": tuple(DTYPES), "compiled": ("float32", "float16"), "network": tuple(DTYPES)}
+PRECISIONS["fused"] = ("float32",)  # in others it is as `network`
 
 
 class Clock:

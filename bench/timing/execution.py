@@ -4,10 +4,11 @@
 | --- | --- |
 | `eager` | PyTorch's operations one by one, in chunks that fit the cache: the default of a material |
 | `compiled` | `evaluate` through torch.compile, on the network folded by `bench.timing.fused.lean` |
-| `fused` | on the CPU all of `evaluate` as one kernel, by Dr.Jit; on a GPU the network and its fetch, by Triton |
+| `network` | the network and its fetch as one kernel: on the CPU by Dr.Jit, on a GPU by Triton |
+| `fused` | in float32 all of `evaluate` as one kernel, by Dr.Jit; else as `network` |
 
-If `evaluate` cannot be recorded, or LLVM is too old for the operations of codecs outside their network, `fused` on the
-CPU, too, is only the network and its fetch.
+If `evaluate` cannot be recorded, if LLVM is too old for the operations of codecs outside their network, or if the GPU
+is none of NVIDIA's, `fused` is as `network`, too.
 
 Precisions are those of textures, weights and products; places and directions stay float32. `TOLERANCES` gives the
 largest error of the network's answer relative to float64.
@@ -18,6 +19,7 @@ import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -27,10 +29,11 @@ from torch import Tensor, nn
 from bench.inputs.errors import InputError, did_you_mean, installed
 from bench.machine.devices import is_gpu
 from bench.material import Material, Wrapped
-from bench.program.llvm import drjit, unusable
+from bench.program.llvm import unusable
+from bench.timing.fused.target import Target, target_of
 from bench.training.decoder import Decoder
 
-EXECUTIONS = ("eager", "compiled", "fused")
+EXECUTIONS = ("eager", "compiled", "network", "fused")
 DTYPES = {"float32": torch.float32, "tf32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 # |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half
 # precisions promise it only for networks with a layer norm or without a sine: they cannot hold a phase of many turns.
@@ -68,14 +71,15 @@ def exists_on(variant: Variant, device: torch.device) -> bool:
     """Whether a kind of device supports a variant; `prepared` reports missing packages."""
     if variant.precision == "tf32":  # NVIDIA's
         return device.type == "cuda"
-    if variant.execution == "fused" and not is_gpu(device):  # by Dr.Jit, which knows no short floats
+    if variant.execution in ("network", "fused") and not is_gpu(device):  # by Dr.Jit, which knows no short floats
         return variant.precision == "float32"
     return True
 
 
 def is_whole(variant: Variant, device: torch.device) -> bool:
     """Whether a variant fuses a whole material, so that it also computes codecs without a network."""
-    return variant.execution == "fused" and variant.precision == "float32" and not is_gpu(device)
+    on_nvidia = not is_gpu(device) or device.type == "cuda"
+    return variant.execution == "fused" and variant.precision == "float32" and on_nvidia
 
 
 def prepared(material: Material, variant: Variant) -> Material:
@@ -89,6 +93,8 @@ def prepared(material: Material, variant: Variant) -> Material:
     match variant.execution:
         case "compiled":
             material = _Compiled(material)
+        case "network":
+            return _with_networks_fused(material, variant)
         case "fused":
             return _fused(material, variant)
     return _Tf32(material) if variant.precision == "tf32" else material
@@ -107,8 +113,8 @@ def _modules(material: Material) -> list[nn.Module]:
     return [value for value in vars(material).values() if isinstance(value, nn.Module)]
 
 
-def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
-    """Replace each decoder network by `make(network)`; returns the number of networks."""
+def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> None:
+    """Replace each decoder network by `make(network)`."""
     attributes: list[tuple[Any, str, Any]] = []  # what holds a value, under which name, and the value
     for name, value in vars(material).items():
         attributes.append((material, name, value))
@@ -117,53 +123,63 @@ def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
             for name, child in module.named_children():
                 attributes.append((module, name, child))
     # Replaced only now, since a loop over modules must not change them.
-    count = 0
     for holder, name, value in attributes:
         if isinstance(value, Decoder):
             setattr(holder, name, make(value))
-            count += 1
-    return count
 
 
 def _fused(material: Material, variant: Variant) -> Material:
-    """The material with fused networks, or another that is fused as a whole. `InputError` if neither can be."""
-    if not is_gpu(material.device):
-        if variant.precision != "float32":
-            raise InputError(f"fused on the CPU computes in float32, not {variant.precision}: use compiled")
-        return _fused_on_cpu(material)
-    with installed("fused on a GPU needs Triton: pip install triton"):
-        from bench.timing.fused.with_triton import TritonNetwork
-    if not _replaced(material, lambda network: TritonNetwork(network, tf32=variant.precision == "tf32")):
-        raise InputError("fused on a GPU computes decoder networks, and this codec has none: use eager")
-    return material
-
-
-def _fused_on_cpu(material: Material) -> Material:
-    """All of `evaluate` as one kernel, or else only the networks."""
-    from bench.timing.fused.with_drjit import DrJitNetwork
-
-    drjit()
-    why = unusable(plugins=True)
+    """The material as one kernel or, where there is none, with fused networks. `InputError` if neither can be."""
+    if variant.precision != "float32":
+        return _with_networks_fused(material, variant)
+    try:
+        target = target_of(material.device)
+        why = "" if is_gpu(material.device) else unusable(plugins=True)
+    except InputError as error:
+        if not is_gpu(material.device):  # there the networks need the same
+            raise
+        why = str(error)
     if not why:
         try:
-            return _whole(material)
+            return _whole(material, target)
         except InputError as error:
             why = str(error)
-    material.chunk = FUSED_CHUNK
-    if not _replaced(material, DrJitNetwork):
-        raise InputError(f"fused has no kernel for this codec, which has no decoder network either ({why}): use eager")
+    return _with_networks_fused(material, variant, why)
+
+
+def _with_networks_fused(material: Material, variant: Variant, why: str = "") -> Material:
+    """The material with its networks as kernels. `InputError` if it has none, or they cannot be; `why` its whole query
+    is no kernel, if that was tried."""
+    on_gpu = is_gpu(material.device)
+    if not on_gpu and variant.precision != "float32":
+        raise InputError(f"{variant.execution} on the CPU computes in float32, not {variant.precision}: use compiled")
+    if not networks(material):
+        because = f" ({why})" if why else ""
+        raise InputError(f"{variant.execution} computes decoder networks, and this codec has none{because}: use eager")
+    make: Callable[[Decoder], nn.Module]
+    if on_gpu:
+        with installed(f"{variant.execution} on a GPU needs Triton: pip install triton"):
+            from bench.timing.fused.with_triton import TritonNetwork
+        make = partial(TritonNetwork, tf32=variant.precision == "tf32")
+    else:
+        target = target_of(material.device)
+        from bench.timing.fused.with_drjit import DrJitNetwork
+
+        make = partial(DrJitNetwork, target=target)
+        material.chunk = FUSED_CHUNK
+    _replaced(material, make)
     return material
 
 
-def _whole(material: Material) -> Material:
-    """A material as one kernel of the CPU, with its networks in it. `InputError` if it cannot be recorded.
+def _whole(material: Material, target: Target) -> Material:
+    """A material as one kernel, with its networks in it. `InputError` if it cannot be recorded.
 
     A copy of it is recorded, in which a placeholder with a number stands for each network: the kernel computes a
     network as a whole, in the layers of the `decoders`, and not by the single operations of PyTorch.
     """
     from bench.timing.fused.whole import Placeholder, Whole
 
-    marked = copy.deepcopy(material)
+    marked = copy.deepcopy(material).to("cpu")  # where it is recorded
     decoders: list[Decoder] = []
 
     def placeholder(decoder: Decoder) -> nn.Module:
@@ -172,8 +188,9 @@ def _whole(material: Material) -> Material:
         return Placeholder(len(decoders) - 1, decoder.architecture.outputs)
 
     _replaced(marked, placeholder)
-    fused = Whole(material, marked, decoders)
-    fused.chunk = FUSED_CHUNK
+    fused = Whole(material, marked, decoders, target)
+    if not is_gpu(material.device):  # a GPU takes a batch as a whole
+        fused.chunk = FUSED_CHUNK
     return fused
 
 

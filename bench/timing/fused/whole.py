@@ -1,4 +1,4 @@
-"""A whole material as one kernel on the CPU: its recorded program, and its networks as `with_drjit` computes them.
+"""A whole material as one kernel: its recorded program, and its networks as `with_drjit` computes them.
 
 The work of a codec before and after its network (marches, fetches, frames) is recorded by `bench.program.recording`,
 with each network as one operation. So nothing between the queries and RGB goes through memory.
@@ -6,6 +6,7 @@ with each network as one operation. So nothing between the queries and RGB goes 
 
 from typing import Any
 
+import drjit as dr
 import torch
 from torch import Tensor
 
@@ -13,8 +14,8 @@ from bench.inputs.errors import InputError
 from bench.material import Material, Wrapped
 from bench.program.backend import Value
 from bench.program.kernel import Kernel
-from bench.program.llvm import drjit
 from bench.program.recording import program_of
+from bench.timing.fused.target import Target, target_of
 from bench.timing.fused.with_drjit import DrJitNetwork, RecordedCalls, batched
 from bench.training.decoder import Decoder, Network
 
@@ -46,42 +47,44 @@ class Placeholder(Network):
 class Whole(Wrapped):
     """A material whose `evaluate` is one kernel. `InputError` if it cannot be recorded, or is too large."""
 
-    def __init__(self, material: Material, marked: Material, decoders: list[Decoder]):
-        """`marked` is a copy of the material, with placeholders for its networks."""
+    def __init__(self, material: Material, marked: Material, decoders: list[Decoder], target: Target | None = None):
+        """`marked` is a copy of the material on the CPU, with placeholders for its networks; `target` is by default
+        that of the material's device."""
         super().__init__(material)
-        self.dr = drjit()
-        self.networks = [DrJitNetwork(decoder) for decoder in decoders]
+        self.target = target or target_of(material.device)
+        self.arrays = self.target.arrays
+        self.networks = [DrJitNetwork(decoder, self.target) for decoder in decoders]
         program = program_of(marked)
         count = program.products()
         if count > MOST_PRODUCTS:
             limit = f"up to {MOST_PRODUCTS:,} products outside networks"
-            raise InputError(f"fused on the CPU holds {limit}, but this codec needs {count:,}: use compiled")
-        self.traced = Kernel(program, self.dr.llvm, {"network": self._within_kernel})
+            raise InputError(f"a kernel of Dr.Jit holds {limit}, but this codec needs {count:,}: use compiled")
+        self.traced = Kernel(program, self.arrays, {"network": self._within_kernel})
         self.kernels: RecordedCalls = {}
         # Recorded once only to find the tables that the kernels need.
-        self.row = self.dr.arange(self.dr.llvm.UInt32, 1)
-        half = self.dr.llvm.Float(0.5)
+        self.row = dr.arange(self.arrays.UInt32, 1)
+        half = self.arrays.Float(0.5)
         self.traced([half] * 2, [half] * 3, [half] * 3, half)
         self.tables = [table for _, table in self.traced.tables.values()]
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return batched(self.kernels, self._kernel, (uv, wo, wi, footprint[:, None]), tables=self.tables)
+        return batched(self.target, self.kernels, self._kernel, (uv, wo, wi, footprint[:, None]), tables=self.tables)
 
     def _kernel(self, n: int, *flat: Any) -> list[Any]:
         """Arrays (n,) of red, green and blue for n queries of `WIDTHS` row-major numbers."""
-        self.row = self.dr.arange(self.dr.llvm.UInt32, n)
+        self.row = dr.arange(self.arrays.UInt32, n)
         uv, wo, wi, (footprint,) = (self._columns(each, width) for each, width in zip(flat, WIDTHS, strict=True))
         return self.traced(uv, wo, wi, footprint)
 
     def _columns(self, flat: Any, width: int) -> list[Any]:
         """The columns (n,) of row-major inputs (n · width,)."""
-        return [self.dr.gather(self.dr.llvm.Float, flat, self.row * width + k) for k in range(width)]
+        return [dr.gather(self.arrays.Float, flat, self.row * width + k) for k in range(width)]
 
     def _within_kernel(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:
         """The outputs of a network for the inputs (n, D) of one query: one row, or one for each texel."""
         network = self.networks[number]
         answers = []
         for row in inputs.items:
-            numbers = [self.dr.llvm.Float(value) for value in row]
+            numbers = [self.arrays.Float(value) for value in row]
             answers.append(list(network.within(self.row, numbers)))
         return answers

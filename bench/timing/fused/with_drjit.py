@@ -1,4 +1,4 @@
-"""The folded network and the texture's fetch as one CPU kernel by Dr.Jit and LLVM, with weights as literals.
+"""The folded network and the texture's fetch as one kernel by Dr.Jit, with weights as literals.
 
 Every intermediate stays in registers or the innermost cache. Dr.Jit comes with the extra `mitsuba`; LLVM is the
 system's (`bench.program.llvm`). No minimum, maximum or arctangent is used: LLVM 16 and older cannot compile them.
@@ -15,12 +15,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+import drjit as dr
 import torch
 from torch import Tensor
 
 from bench.inputs.errors import InputError
-from bench.program.llvm import drjit
 from bench.timing.fused.layers import Layer, layers_of, sine_of_turns
+from bench.timing.fused.target import Target, target_of
 from bench.timing.native import features
 from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
 
@@ -32,37 +33,36 @@ RecordedCalls = dict[int, Callable[..., Any]]  # recorded calls by the size they
 
 
 def batched(
+    target: Target,
     kernels: RecordedCalls,
     kernel: Callable[..., Sequence[Any]],
     queries: tuple[Tensor, ...],
     whole: tuple[Tensor, ...] = (),
     tables: Sequence[Any] = (),
 ) -> Tensor:
-    """The answers (n, outputs) of a kernel to queries (n, …).
+    """The answers (n, outputs) of a kernel to queries (n, …), on the device of its target.
 
     `kernel(n, *flat)` returns an array (n,) for each output; `flat` are the queries and `whole`, each as one row-major
     array. `whole` are inputs that are not queries, such as textures; `tables` are further Dr.Jit arrays that the kernel
     reads. Each size is recorded once.
     """
-    dr = drjit()
     n = len(queries[0])
-    if dr.thread_count() != torch.get_num_threads():
-        dr.set_thread_count(torch.get_num_threads())
     # The next power of two from n on, at least 16, so that there are few recordings for all batches.
     size = 1 << max(n - 1, 15).bit_length()
 
     def recorded(*flat: Any) -> Any:
         """All answers of the kernel for `size` queries in one array (size · outputs,), row by row."""
         answer = kernel(size, *flat)
-        out = dr.empty(dr.llvm.Float, size * len(answer))
+        out = dr.empty(target.arrays.Float, size * len(answer))
         # One packet: separate stores would compute the whole network again for each channel.
-        dr.scatter(out, dr.llvm.ArrayXf(answer), dr.arange(dr.llvm.UInt32, size))
+        dr.scatter(out, target.arrays.ArrayXf(answer), dr.arange(target.arrays.UInt32, size))
         return out
 
     if size not in kernels:
         kernels[size] = dr.freeze(recorded, state_fn=lambda *_: list(tables))
     padded = [_padded(column, size) for column in queries]
-    flat = [dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in (*padded, *whole)]
+    flat = [target.arrays.Float(x.float().contiguous().reshape(-1)) for x in (*padded, *whole)]
+    target.ready()
     out = kernels[size](*flat)
     dr.eval(out)
     dr.sync_thread()
@@ -79,16 +79,17 @@ def _padded(column: Tensor, size: int) -> Tensor:
 
 
 class DrJitNetwork(Network):
-    """Computes a `Decoder`, (n, inputs) → (n, outputs), float32 on the CPU."""
+    """Computes a `Decoder`, (n, inputs) → (n, outputs), in float32 on the device of its target."""
 
-    def __init__(self, decoder: Decoder):
-        """Take the layers of a decoder. `InputError` if it has too many weights for a kernel."""
+    def __init__(self, decoder: Decoder, target: Target | None = None):
+        """Take the layers of a decoder, for a target or the CPU. `InputError` if it has too many weights."""
         super().__init__()
-        self.dr = drjit()
+        self.target = target or target_of(torch.device("cpu"))
+        self.arrays = self.target.arrays
         count = decoder.architecture.parameters
         if count > MOST_PARAMETERS:
             limit = f"a network of up to {MOST_PARAMETERS:,} parameters"
-            raise InputError(f"fused on the CPU holds {limit}, but this one has {count:,}: use compiled")
+            raise InputError(f"a kernel of Dr.Jit holds {limit}, but this one has {count:,}: use compiled")
         self.layers = layers_of(decoder)
         self.inputs = decoder.architecture.inputs
         self.block = LARGE_BLOCK if "avx512f" in (features() or ()) else BLOCK
@@ -105,11 +106,11 @@ class DrJitNetwork(Network):
         shape = None if texture is None else tuple(texture.shape)
         kernels = self.kernels.setdefault(shape, {})
         not_queries = () if texture is None else (texture,)
-        return batched(kernels, partial(self._kernel, shape), (inputs,), not_queries)
+        return batched(self.target, kernels, partial(self._kernel, shape), (inputs,), not_queries)
 
     def _kernel(self, shape: tuple[int, ...] | None, n: int, flat: Any, texture: Any = None) -> Sequence[Any]:
         """Row-major inputs, or (uv, other inputs), of n samples → outputs (n,) each."""
-        row = self.dr.arange(self.dr.llvm.UInt32, n)
+        row = dr.arange(self.arrays.UInt32, n)
         if shape is None:
             return self.within(row, self._rows(flat, row, self.inputs))
         channels = shape[2]  # the first inputs of the network, which are fetched at uv; only the others are in `flat`
@@ -118,35 +119,36 @@ class DrJitNetwork(Network):
 
     def within(self, row: Any, inputs: Sequence[Any]) -> tuple[Any, ...]:
         """The outputs of the network for its inputs, inside a kernel over the samples numbered by `row` (n,)."""
+        if not self.target.calls:
+            return self._network(*inputs)
         # A switch with one case, number 0. That number must not be a constant, else LLVM would inline the function in
         # the loop. `row` is below 2³¹, so shifted right by 31 bits it is 0.
-        return self.dr.switch(row >> 31, [self._network], *inputs)
+        return dr.switch(row >> 31, [self._network], *inputs)
 
     def _fetch(self, texture: Any, shape: tuple[int, ...], u: Any, v: Any) -> Sequence[Any]:
         """A texture (H, W, C) at a place, bilinear and periodic, as `bench.material.sample_texture`."""
         height, width, channels = shape
         columns, right = self._around(u * width - 0.5, width)
         rows, below = self._around((1 - v) * height - 0.5, height)
-        sums = [self.dr.llvm.Float(0)] * channels
+        sums = [self.arrays.Float(0)] * channels
         for row, vertical in zip(rows, (1 - below, below), strict=True):
             for column, horizontal in zip(columns, (1 - right, right), strict=True):
                 texel = self._rows(texture, row * width + column, channels)
                 weight = vertical * horizontal
-                sums = [self.dr.fma(value, weight, total) for value, total in zip(texel, sums, strict=True)]
+                sums = [dr.fma(value, weight, total) for value, total in zip(texel, sums, strict=True)]
         return sums
 
     def _around(self, place: Any, side: int) -> tuple[tuple[Any, Any], Any]:
         """The two texels around a place along one side, periodic, and how far the place is from the first of them."""
-        dr = self.dr
         start = dr.floor(place)
         # The remainder by `side`, which is not negative.
-        first = dr.llvm.UInt32(start - side * dr.floor(start / side))
+        first = self.arrays.UInt32(start - side * dr.floor(start / side))
         second = dr.select(first == side - 1, 0, first + 1)
         return (first, second), place - start
 
     def _rows(self, flat: Any, row: Any, width: int) -> Any:
         """The `width` numbers of each row (n,) of a row-major table, as that many arrays (n,)."""
-        return self.dr.gather(self.dr.llvm.ArrayXf, flat, row, shape=(width, self.dr.width(row)))
+        return dr.gather(self.arrays.ArrayXf, flat, row, shape=(width, dr.width(row)))
 
     def _network(self, *inputs: Any) -> tuple[Any, ...]:
         """The outputs of the network, an array (n,) each, for its inputs."""
@@ -157,7 +159,6 @@ class DrJitNetwork(Network):
 
     def _layer(self, layer: Layer, x: Sequence[Any]) -> list[Any]:
         """One folded layer: see `Layer`. `x` has an array (n,) for each input, the answer one for each output."""
-        dr = self.dr
         hidden = self._dense(layer, x)
         if layer.norm is not None:
             norm = layer.norm
@@ -185,33 +186,32 @@ class DrJitNetwork(Network):
         outputs: list[Any] = []
         for start in range(0, len(layer.bias), self.block):
             rows = slice(start, start + self.block)
-            sums = [self.dr.llvm.Float(bias) for bias in layer.bias[rows].tolist()]
+            sums = [self.arrays.Float(bias) for bias in layer.bias[rows].tolist()]
             for value, weights in zip(x, layer.weight[rows].T.tolist(), strict=True):
                 self._new_scope()
-                sums = [self.dr.fma(value, weight, total) for weight, total in zip(weights, sums, strict=True)]
+                sums = [dr.fma(value, weight, total) for weight, total in zip(weights, sums, strict=True)]
             outputs += sums
         self._new_scope()
         return outputs
 
     def _new_scope(self) -> None:
         """Start a new scope, because Dr.Jit orders the code by scope, and otherwise output by output."""
-        self.dr.detail.new_scope(self.dr.JitBackend.LLVM)
+        dr.detail.new_scope(self.target.backend)
 
     def _smelu(self, x: Any) -> Any:
         """The smooth leaky ReLU, as `bench.training.decoder.smelu`, without a minimum or a maximum."""
-        dr = self.dr
         inside = BEND - dr.select(x > 0, x, -x)
         inside = dr.select(inside > 0, inside, 0)
         return dr.fma(inside * inside, PARABOLA, dr.select(x > 0, x, x * LEAK))
 
     def _sine(self, turns: Any) -> Any:
         """sin(2π · turns), by the polynomial of `sine_of_turns` from its highest power down."""
-        t = turns - self.dr.round(turns)
+        t = turns - dr.round(turns)
         square = t * t
         first, *rest = sine_of_turns()[::-1]
-        value = self.dr.llvm.Float(first)
+        value = self.arrays.Float(first)
         for coefficient in rest:
-            value = self.dr.fma(value, square, coefficient)
+            value = dr.fma(value, square, coefficient)
         return value * t
 
 

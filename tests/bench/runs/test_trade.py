@@ -38,7 +38,7 @@ DATA = Preparation(validation=True)
 SUITE = Suite("test", "", data=DATA, materials=(MaterialSpec("tiny"),), codecs=CODECS, variants=VARIANTS)
 
 
-def without_drjit():
+def without_drjit(device):
     raise InputError("pip install neubtf-bench[mitsuba]")
 
 
@@ -67,7 +67,7 @@ def measured(tmp_path_factory, ran):
     folder = shutil.copytree(ran, tmp_path_factory.mktemp("trade") / "run")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
-        patch.setattr("bench.timing.execution.drjit", without_drjit)
+        patch.setattr("bench.timing.execution.target_of", without_drjit)
         patch.setattr(trade, "BATCHES", (1,))
         patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
         patch.setattr("bench.timing.profile.COPIED", 1 << 20)
@@ -168,7 +168,7 @@ def test_a_profile_has_each_part_and_condition_and_is_measured_once(measured, co
     assert {row["label"] for row in found} == {"mean-colour", "neubtf-direct steps=20", timing.FLOOR}
     assert {row["part"] for row in found if row["label"].startswith("neubtf")} == {"query", "evaluate", "decoder"}
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
-    monkeypatch.setattr("bench.timing.execution.drjit", without_drjit)
+    monkeypatch.setattr("bench.timing.execution.target_of", without_drjit)
     monkeypatch.setattr(trade, "BATCHES", (1,))
     monkeypatch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
     monkeypatch.setattr(native, "emulated", lambda precision, device: False)

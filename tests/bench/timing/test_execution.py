@@ -81,7 +81,7 @@ def test_fused_is_the_network_alone_where_the_rest_cannot_be_recorded(monkeypatc
 
 @pytest.fixture
 def old_llvm(monkeypatch):
-    monkeypatch.setattr(execution, "drjit", lambda: None)
+    monkeypatch.setattr(execution, "target_of", lambda device: None)
     monkeypatch.setattr(execution, "unusable", lambda plugins: "too old" if plugins else "")
 
 
@@ -95,7 +95,7 @@ def test_what_cannot_be_computed_is_refused_with_the_remedy(old_llvm, monkeypatc
         prepared(Textured(), Variant("compiled"))
     table = Textured()
     del table.network
-    with pytest.raises(InputError, match=r"which has no decoder network either \(too old\): use eager"):
+    with pytest.raises(InputError, match=r"this codec has none \(too old\): use eager"):
         prepared(table, Variant("fused"))
 
 

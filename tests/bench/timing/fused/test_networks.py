@@ -12,7 +12,7 @@ import torch
 from bench.inputs.errors import InputError
 from bench.material import sample_texture
 from bench.timing.execution import DTYPES, TOLERANCES
-from bench.timing.fused import with_drjit
+from bench.timing.fused import target
 from bench.timing.fused.layers import layers_of
 from bench.timing.fused.lean import Lean
 from bench.training.decoder import Architecture, Decoder
@@ -100,10 +100,12 @@ def test_the_default_network_and_the_lean_one_stay_within_tolerance(name, precis
 def drjit_network():
     pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
     try:
-        with_drjit.drjit()
+        target.target_of(torch.device("cpu"))
     except InputError as error:
         pytest.skip(str(error))
-    return with_drjit.DrJitNetwork
+    from bench.timing.fused.with_drjit import DrJitNetwork
+
+    return DrJitNetwork
 
 
 @pytest.mark.parametrize("name", ARCHITECTURES)
@@ -122,7 +124,7 @@ def test_the_kernel_on_the_cpu_fetches_the_texture(size, drjit_network):
 def test_without_drjit_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "drjit", None)
     with pytest.raises(InputError, match=r"neubtf-bench\[mitsuba\]"):
-        with_drjit.drjit()
+        target.target_of(torch.device("cpu"))
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from bench.material import DecoderCost, Material, parameters
 from bench.program import llvm
 from bench.runs.suite import load_suite
 from bench.timing.execution import TOLERANCES, Variant, prepared
+from bench.timing.fused.target import Target
 from bench.training.decoder import Architecture, Decoder
 from tests.bench.test_material import queries
 from tests.tiers import short_for
@@ -73,6 +74,36 @@ def test_each_codec_answers_as_in_eager(tmp_path, btf, name):
         # A march may step over an edge of the height by the last bit.
         assert (error > absolute + relative * expected.max()).float().mean() <= 1e-3
     assert expected.std() > 0.01
+
+
+@pytest.mark.parametrize("name", short_for(CODECS, "relief", "neumip", "pca"))
+def test_with_networks_in_line_as_on_a_gpu_the_answers_are_the_same(tmp_path, btf, monkeypatch, name):
+    """A GPU has the same kernel, compiled from other arrays: here those of the processor stand for them."""
+    import drjit as dr
+
+    in_line = Target(dr.llvm, dr.JitBackend.LLVM, calls=False)
+    monkeypatch.setattr("bench.timing.execution.target_of", lambda device: in_line)
+    bench.encode(btf, name.split()[0], tmp_path / "a.nbtf", **CODECS[name])
+    material = bench.load(tmp_path / "a.nbtf")
+    whole = prepared(material, Variant("fused"))
+    assert whole.target == in_line
+    uv, wo, wi = queries(500)
+    expected, rgb = (each.query(3 * uv - 1, wo, wi, 0.3 * uv[:, 0]) for each in (material, whole))
+    absolute, relative = TOLERANCES["float32"]
+    assert ((rgb - expected).abs().amax(1) > absolute + relative * expected.max()).float().mean() <= 2e-3
+
+
+def test_the_network_alone_may_be_fused(tmp_path, btf):
+    bench.encode(btf, "neubtf-direct", tmp_path / "a.nbtf", **CODECS["neubtf-direct"])
+    material = bench.load(tmp_path / "a.nbtf")
+    fused = prepared(material, Variant("network"))
+    assert type(fused) is type(material)
+    assert type(fused.network).__name__ == "DrJitNetwork"
+    uv, wo, wi = queries(100)
+    torch.testing.assert_close(fused.query(uv, wo, wi), material.query(uv, wo, wi), rtol=1e-4, atol=1e-5)
+    bench.encode(btf, "pca", tmp_path / "b.nbtf", components=2)
+    with pytest.raises(InputError, match="network computes decoder networks, and this codec has none: use eager"):
+        prepared(bench.load(tmp_path / "b.nbtf"), Variant("network"))
 
 
 class Mixed(Material):
