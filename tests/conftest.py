@@ -69,8 +69,10 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def decodes_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In place of the fresh process of a check, which imports PyTorch for two seconds, its script runs in this one, with
-    the codecs of the registry as they are now."""
+    """In place of the fresh process of a check, which imports PyTorch for two seconds, its script runs in this one.
+
+    It has the codecs of the registry as they are when this fixture starts.
+    """
     from bench.codecs import registry
 
     as_installed = registry.load_codec

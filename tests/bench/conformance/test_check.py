@@ -37,7 +37,7 @@ def test_our_codecs_keep_every_promise(name, monkeypatch):
 
 
 def failures(codec, monkeypatch):
-    """The checks that a codec named mean-colour fails: here its files decode with it, in the check's process with ours."""
+    """The checks that a codec named mean-colour fails: its files decode with it here, with ours where a process is fresh."""
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
     return {result.name: result.failure for result in check(codec()) if result.failure}
 

@@ -51,6 +51,7 @@ def test_a_metric_is_chosen_at_the_command_line_and_scored_from_the_cached_file(
     assert "--metric: no metric is named 'flip_hdr'" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_jobs_run_in_so_many_processes_of_the_threads_of_the_suite(tmp_path, capsys):
     assert cli.main([*WORDS, "--out", str(tmp_path / "run"), "--jobs", "2"]) == 0
     assert "2 jobs: 2 ok" in capsys.readouterr().out
