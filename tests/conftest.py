@@ -91,6 +91,12 @@ def decodes_here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs time no decoder: those from outside are timed in a process of their own, which imports PyTorch."""
+    monkeypatch.setattr("bench.runs.runner.timings", lambda *_: [])
+
+
+@pytest.fixture
 def gpu() -> Iterator[Any]:
     """An emulated GPU, of which `bench.conformance.emulated` counts the kernels."""
     from bench.conformance.emulated import NoEmulationError, emulated

@@ -21,7 +21,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "api.md"
 
 
 @pytest.fixture(autouse=True)
-def small(tmp_path, monkeypatch, brief, undrawn):
+def small(tmp_path, monkeypatch, brief, undrawn, untimed):
     monkeypatch.chdir(tmp_path)
 
 

@@ -83,17 +83,27 @@ class KilledError(Exception):
     pass
 
 
-@pytest.mark.usefixtures("brief", "undrawn", "decodes_here")
-def test_a_new_neural_codec_passes_the_test_and_a_killed_fit_of_it_goes_on(tmp_path, monkeypatch):
+@pytest.fixture
+def neural(tmp_path, monkeypatch):
+    """The codec of `new codec --neural`, installed."""
     assert cli.main(["new", "codec", "my-net", "--neural", "--out", str(tmp_path)]) == 0
     text = (tmp_path / "my-net-codec" / "my_net_codec.py").read_text()
     assert 'my-net = "my_net_codec:MyNet"' in (tmp_path / "my-net-codec" / "pyproject.toml").read_text()
     installed_here(tmp_path, monkeypatch, "my-net", "my_net_codec:MyNet", "my_net_codec", text)
-    assert cli.main(["check", "my-net"]) == 0
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("brief", "undrawn", "neural")
+def test_a_new_neural_codec_is_run(tmp_path):
     write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
     words = ["run", "quick", "--material", str(tmp_path / "btf"), "--codec", "my-net", "--set", "my-net.steps=120"]
     assert cli.main([*words, "--out", str(tmp_path / "run")]) == 0  # the first job of a new folder
     assert load_run(tmp_path / "run").jobs[0]["status"] == "ok"
+
+
+@pytest.mark.usefixtures("neural", "decodes_here")
+def test_a_new_neural_codec_passes_the_test_and_a_killed_fit_of_it_goes_on(tmp_path):
+    assert cli.main(["check", "my-net"]) == 0
     codec = importlib.import_module("my_net_codec").MyNet(steps=400, batch=64, latents=2, width=8)
 
     def parts(fit):
