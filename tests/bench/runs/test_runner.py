@@ -241,7 +241,7 @@ def test_jobs_stand_in_the_order_of_the_suite_in_whatever_order_they_end(tmp_pat
 def test_workers_that_do_not_see_the_folder_are_refused_before_any_job(tmp_path):
     executor = Elsewhere()
     workers = Workers(executor, 1000, everywhere=lambda see, *what: {"tcp://near:1": see(*what), "tcp://far:1": False})
-    with pytest.raises(InputError, match=r"run: not seen by the worker tcp://far:1, .*put --out on a file system"):
+    with pytest.raises(InputError, match=r"run: not seen by the worker tcp://far:1"):
         outcomes(tmp_path / "run", workers=lambda: nullcontext(workers))
     assert executor.calls == []
     assert not list((tmp_path / "run").iterdir())
@@ -251,7 +251,7 @@ def test_a_worker_that_joins_later_and_does_not_see_the_folder_stops_the_run_and
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     late = Elsewhere(change=lambda task: replace(task, folder=elsewhere) if late.calls[1:] else task)
-    with pytest.raises(InputError, match=r"elsewhere: not seen by the worker on .*put --out on a file system"):
+    with pytest.raises(InputError, match=r"elsewhere: not seen by the worker"):
         outcomes(tmp_path / "run", **through(late))
     assert not list(elsewhere.iterdir())
     assert [o.cached for o in outcomes(tmp_path / "run")] == ["record", ""]
@@ -263,7 +263,7 @@ def test_a_full_disk_stops_the_run_and_is_no_failure_of_a_job(tmp_path, monkeypa
 
     with monkeypatch.context() as patch:
         patch.setattr("bench.files.atomic.write", full)
-        with pytest.raises(InputError, match=r"\.nbtf: cannot be written .*No space left.*make room"):
+        with pytest.raises(InputError, match=r"\.nbtf: cannot be written .*No space left"):
             outcomes(tmp_path)
     assert list(load_run(tmp_path).jobs) == []
     assert [o.record["status"] for o in outcomes(tmp_path)] == ["ok", "ok"]
