@@ -2,9 +2,12 @@
 
 import math
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -62,6 +65,35 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Jobs store nothing to draw: to record a material as a program takes a second."""
     monkeypatch.setattr("bench.runs.job.store_drawing", lambda file, keep: {"not_drawn": "undrawn"})
     monkeypatch.setattr("bench.runs.job.sparse_truth", lambda btf: None)
+
+
+@pytest.fixture
+def decodes_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In place of the fresh process of a check, which imports PyTorch for two seconds, its script runs in this one.
+
+    It has the codecs of the registry as they are when this fixture starts.
+    """
+    from bench.codecs import registry
+
+    as_installed = registry.load_codec
+
+    def run(command: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(registry, "load_codec", as_installed)
+            patch.setattr(sys, "argv", ["-c", *command[3:]])
+            try:
+                exec(command[2], {})
+            except Exception as error:  # as the last line of a traceback
+                return subprocess.CompletedProcess(command, 1, "", f"{type(error).__name__}: {error}")
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr("bench.conformance.check.subprocess", SimpleNamespace(run=run))
+
+
+@pytest.fixture
+def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs time no decoder: those from outside are timed in a process of their own, which imports PyTorch."""
+    monkeypatch.setattr("bench.runs.runner.timings", lambda *_: [])
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ DASK = pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="n
 @pytest.mark.parametrize(
     ("kills", "words"),
     [
-        (1, []),
+        pytest.param(1, [], marks=pytest.mark.long),
         pytest.param(4, [], marks=pytest.mark.long),
         pytest.param(1, ["--workers", "dask"], marks=[DASK, pytest.mark.long]),
     ],

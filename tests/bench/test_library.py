@@ -21,7 +21,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "api.md"
 
 
 @pytest.fixture(autouse=True)
-def small(tmp_path, monkeypatch, brief):
+def small(tmp_path, monkeypatch, brief, undrawn, untimed):
     monkeypatch.chdir(tmp_path)
 
 
@@ -84,6 +84,7 @@ def test_a_script_runs_a_suite_as_the_command_does_and_gets_a_frame(tmp_path, fo
         bench.run(suite | {"seeds": object()}, "dictionary")
 
 
+@pytest.mark.usefixtures("decodes_here")
 def test_a_script_checks_a_codec_as_the_command_does():
     results = list(bench.check("mean-colour", half=False))
     assert len(results) > 20

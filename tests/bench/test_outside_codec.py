@@ -40,6 +40,7 @@ def neubtf_bench(environment, *words):
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.long
 def test_its_files_are_refused_by_name_where_it_is_not_installed(installed, tmp_path):
     file = tmp_path / "a.nbtf"
     size = [part for key in ("size=8", "views=4", "lights=4", "heldout=2") for part in ("--set", f"data.{key}")]
@@ -59,38 +60,50 @@ def test_the_public_interface_holds_what_the_page_lists():
             assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
 
 
-def test_a_new_codec_is_the_one_of_the_page_and_passes_the_conformance_test(tmp_path):
+def installed_here(folder, monkeypatch, name, place, module, text):
+    """Makes a codec one of this process."""
+    site = install(folder / "site", "mine", {name: place}, {module: text})
+    monkeypatch.syspath_prepend(str(site))
+    monkeypatch.delitem(sys.modules, module, raising=False)
+
+
+@pytest.mark.usefixtures("decodes_here")
+def test_a_new_codec_is_the_one_of_the_page_and_passes_the_conformance_test(tmp_path, monkeypatch):
     assert cli.main(["new", "codec", "polynomial", "--out", str(tmp_path)]) == 0
     written = {path.name: path.read_text() for path in (tmp_path / "polynomial-codec").iterdir()}
     assert written["polynomial_codec.py"] == blocks("python")[0]
     assert written["pyproject.toml"] == blocks("toml")[0]
     assert cli.main(["new", "codec", "my-codec", "--out", str(tmp_path)]) == 0
     text = (tmp_path / "my-codec-codec" / "my_codec_codec.py").read_text()
-    site = install(tmp_path / "site", "mine", {"my-codec": "my_codec_codec:MyCodec"}, {"my_codec_codec": text})
-    path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
-    done = neubtf_bench(os.environ | {"PYTHONPATH": path, "NEUBTF_CACHE": str(tmp_path / "cache")}, "check", "my-codec")
-    assert done.returncode == 0, done.stdout + done.stderr
+    installed_here(tmp_path, monkeypatch, "my-codec", "my_codec_codec:MyCodec", "my_codec_codec", text)
+    assert cli.main(["check", "my-codec"]) == 0
 
 
 class KilledError(Exception):
     pass
 
 
-def test_a_new_neural_codec_passes_the_test_and_a_killed_fit_of_it_goes_on(tmp_path, monkeypatch):
+@pytest.fixture
+def neural(tmp_path, monkeypatch):
+    """The codec of `new codec --neural`, installed."""
     assert cli.main(["new", "codec", "my-net", "--neural", "--out", str(tmp_path)]) == 0
     text = (tmp_path / "my-net-codec" / "my_net_codec.py").read_text()
     assert 'my-net = "my_net_codec:MyNet"' in (tmp_path / "my-net-codec" / "pyproject.toml").read_text()
-    site = install(tmp_path / "site", "mine", {"my-net": "my_net_codec:MyNet"}, {"my_net_codec": text})
-    path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
-    environment = os.environ | {"PYTHONPATH": path, "NEUBTF_CACHE": str(tmp_path / "cache")}
-    done = neubtf_bench(environment, "check", "my-net")
-    assert done.returncode == 0, done.stdout + done.stderr
+    installed_here(tmp_path, monkeypatch, "my-net", "my_net_codec:MyNet", "my_net_codec", text)
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("brief", "undrawn", "neural")
+def test_a_new_neural_codec_is_run(tmp_path):
     write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
-    words = ["run", "quick", "--material", tmp_path / "btf", "--codec", "my-net", "--set", "my-net.steps=120"]
-    done = neubtf_bench(environment, *words, "--out", tmp_path / "run")  # the first job of a new folder
-    assert done.returncode == 0, done.stdout + done.stderr
+    words = ["run", "quick", "--material", str(tmp_path / "btf"), "--codec", "my-net", "--set", "my-net.steps=120"]
+    assert cli.main([*words, "--out", str(tmp_path / "run")]) == 0  # the first job of a new folder
     assert load_run(tmp_path / "run").jobs[0]["status"] == "ok"
-    monkeypatch.syspath_prepend(str(site))
+
+
+@pytest.mark.usefixtures("neural", "decodes_here")
+def test_a_new_neural_codec_passes_the_test_and_a_killed_fit_of_it_goes_on(tmp_path):
+    assert cli.main(["check", "my-net"]) == 0
     codec = importlib.import_module("my_net_codec").MyNet(steps=400, batch=64, latents=2, width=8)
 
     def parts(fit):

@@ -1,6 +1,5 @@
 """A metric of another package: run, shown, listed; what is wrong with one is one line that names it."""
 
-import os
 import subprocess
 import sys
 import tomllib
@@ -48,6 +47,7 @@ def installed(tmp_path, monkeypatch):
         forget()
         return site
 
+    make.forget = forget
     yield make
     sys.modules.pop("dark", None)
     forget()
@@ -60,27 +60,25 @@ def scored(name="dark"):
     return summarise(scores, btf.wo, btf.wi, {"all": np.arange(3)})["all"]["metrics"]
 
 
-def test_it_runs_and_tables_and_lists_show_it(installed, tmp_path, monkeypatch):
+@pytest.mark.usefixtures("brief", "undrawn")
+def test_it_runs_and_tables_and_lists_show_it(installed, tmp_path, capsys):
     site = installed(SOURCE)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")]))
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
 
     def neubtf_bench(*words):
-        command = [sys.executable, "-m", "bench.cli", *map(str, words)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
+        assert cli.main([*map(str, words)]) == 0
+        return capsys.readouterr().out
 
     assert "dark                        1, lower is better, display, version 1" in neubtf_bench("list", "metrics")
     chosen = ["--material", "satin", "--codec", "mean-colour", "--metric", "dark"]
     neubtf_bench("run", "quick", *chosen, *SMALL, "--out", tmp_path / "run")
     assert "darkness" in neubtf_bench("table", "main", tmp_path / "run")
-    monkeypatch.setenv("PYTHONPATH", os.environ["PYTHONPATH"].partition(os.pathsep)[2])
+    sys.path.remove(str(site))
+    installed.forget()
     assert "dark" in neubtf_bench("table", "main", tmp_path / "run")  # where it is not installed, by its name
 
 
-def test_a_job_that_it_fails_is_scored_again_once_it_is_mended(installed, tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+@pytest.mark.usefixtures("brief", "undrawn")
+def test_a_job_that_it_fails_is_scored_again_once_it_is_mended(installed, tmp_path, capsys):
     words = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--metric", "dark", *SMALL]
     words += ["--out", str(tmp_path / "run")]
     installed(SOURCE.replace("np.abs(side", "np.nan * abs(side"))

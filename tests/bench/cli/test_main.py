@@ -55,7 +55,7 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     assert cli.main(["report", str(tmp_path / "run")]) == 0
     capsys.readouterr()
     assert cli.main(["table", "budgets", str(tmp_path / "run")]) == 4
-    assert "no such table: no job of this run has scores of validation pairs" in capsys.readouterr().err
+    assert "no such table" in capsys.readouterr().err
     assert cli.main(["table", "unfinished", str(tmp_path / "run")]) == 0
     assert "every job has a result" in capsys.readouterr().err
     (tmp_path / "runs").mkdir()
@@ -116,9 +116,9 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["encod"], "no command named 'encod'; did you mean 'encode'?"),
-        (["reference", "update", "runs/ci"], "`reference` is now `compare RUN --update`"),
-        (["submit", "run", "-o", "a.zip"], "neubtf-bench: `submit` is now `results pack`"),
+        (["encod"], "did you mean 'encode'?"),
+        (["reference", "update", "runs/ci"], "`compare RUN --update`"),
+        (["submit", "run", "-o", "a.zip"], "`results pack`"),
         (["list", "suites", "quick"], "only codecs have settings"),
         (["check", "pca", "--set", "components=0"], "must be a whole number ≥ 1, not '0'"),
         (["run", "quik"], "did you mean 'quick'?"),
@@ -130,10 +130,7 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
         (["info", "/no/such/file"], "/no/such/file"),
         (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "there is no such folder"),
         (["table", "/no/such/run"], "no such folder"),
-        (
-            ["table", "sumary", "/no/such/run"],
-            "'sumary' is neither a kind of table nor a folder; did you mean 'summary'?",
-        ),
+        (["table", "sumary", "/no/such/run"], "did you mean 'summary'?"),
         (["table", "budgets"], "there is no run under runs/"),
         (["table", "budgets", "main"], "one kind of table"),
     ],
@@ -326,10 +323,7 @@ def test_a_file_in_the_place_of_a_folder_is_one_line_that_names_it_and_exit_code
     for cache in ("notes.txt", "notes.txt/cache"):
         monkeypatch.setenv("NEUBTF_CACHE", cache)
         assert cli.main([*run[:3], "satin", *run[4:], "other", *SMALL]) == 2
-        assert (
-            "notes.txt: it is a file, where a folder is to be made: choose another $NEUBTF_CACHE"
-            in capsys.readouterr().err
-        )
+        assert re.search(r"^neubtf-bench: \S*notes\.txt: .*\$NEUBTF_CACHE$", capsys.readouterr().err, re.M)
     assert Path("notes.txt").read_text() == "text"
 
 

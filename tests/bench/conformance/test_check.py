@@ -22,7 +22,7 @@ OURS = ["mean-colour", "table", "pca", "vq", "hsh", "tucker", "rainer2019", "rai
 OURS += ["neuralbtf", "neubtf", "neubtf-direct", "zeltner2024", "triple-plane", "bcf", "ntc", "biplane", "svbrdf"]
 
 
-# The stress test tries all of them in CI.
+# The stress test tries all of them in CI, a third for each commit.
 @pytest.mark.parametrize("name", short_for(OURS, "mean-colour", "neubtf-direct", "rainer2020"))
 def test_our_codecs_keep_every_promise(name, monkeypatch):
     # The extremes are tried on every codec by the stress test, where they have a table of their own.
@@ -112,12 +112,17 @@ class Remembers(Codec):
         (costs(texture_channels=1, texture_floats=8 * 8 * 3), "declared parameters"),
         (broken(Halves), "a slice holds the answers"),
         (Unseeded, "same seed and threads give the same bytes"),
-        (Remembers, "fresh process"),
     ],
 )
+@pytest.mark.usefixtures("decodes_here")
 def test_a_broken_codec_is_caught(codec, promise, monkeypatch):
     failed = failures(codec, monkeypatch)
     assert any(promise in f"{name}: {why}" for name, why in failed.items()), failed
+
+
+def test_a_codec_that_needs_the_process_of_its_fit_is_caught(monkeypatch):
+    failed = failures(Remembers, monkeypatch)
+    assert any("fresh process" in f"{name}: {why}" for name, why in failed.items()), failed
 
 
 def with_method(name, does):
@@ -191,6 +196,7 @@ def quits(self, btf, fit):
         (storing(lambda mean: {"x": mean.float().to(torch.uint16)}), "other/x is of type uint16, which a file"),
     ],
 )
+@pytest.mark.usefixtures("decodes_here")
 def test_faults_of_parameters_and_of_what_encode_does_are_named(codec, says, monkeypatch):
     assert any(says in why for why in failures(codec, monkeypatch).values())
 
@@ -208,6 +214,7 @@ class Slow(MeanColour):
         return Parts(texture={"mean": mean * (1 - 0.95**self.settings.steps) + 0.01 * 0.95**self.settings.steps})
 
 
+@pytest.mark.usefixtures("decodes_here")
 def test_a_codec_that_learns_slowly_is_told_once_how_to_give_it_more_steps(tmp_path, monkeypatch):
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": Slow)
     failed = {result.name: result.failure for result in _extremes(CodecUnderTest(Slow(), tmp_path)) if result.failure}
@@ -247,6 +254,7 @@ def untold(self, parts, device):
         (with_method("decode", untold), "your decoder does not tell its material that it is on a GPU: return"),
     ],
 )
+@pytest.mark.usefixtures("decodes_here")
 def test_a_decoder_that_leaves_a_tensor_on_the_cpu_is_told_its_name(codec, says, monkeypatch, gpu):
     (message,) = failures(codec, monkeypatch).values()
     assert message.startswith(says)
@@ -270,12 +278,14 @@ def fits_with_a_variable(self, btf, fit):
     ("codec", "name"),
     [(broken(WithAGlobal), "TINT"), (with_method("encode", fits_with_a_variable), "weights")],
 )
+@pytest.mark.usefixtures("decodes_here")
 def test_a_tensor_that_meets_the_gpus_on_the_cpu_is_named_with_the_authors_line(codec, name, monkeypatch, gpu):
     (message,) = failures(codec, monkeypatch).values()
     assert message.startswith(f"`{name}` on the CPU")
     assert f"{__file__}:" in message
 
 
+@pytest.mark.usefixtures("decodes_here")
 def test_a_file_of_one_number_is_noted(monkeypatch):
     def padded(self, btf, fit):
         parts = MeanColour.encode(self, btf, fit)
@@ -287,6 +297,7 @@ def test_a_file_of_one_number_is_noted(monkeypatch):
     assert "other/padding (200,000 bytes)" in note
 
 
+@pytest.mark.usefixtures("decodes_here")
 def test_a_pytorch_that_emulates_no_gpu_fails_no_codec(monkeypatch):
     monkeypatch.setattr(emulated, "_libraries", [])
     monkeypatch.delattr("torch.utils.backend_registration._setup_privateuseone_for_python_backend")
@@ -297,10 +308,11 @@ def test_a_pytorch_that_emulates_no_gpu_fails_no_codec(monkeypatch):
 AFTER_A_GRADIENT = """
 import torch
 from baselines.mean_colour import MeanColour
+from bench.conformance import stress, verdicts
 from bench.conformance.check import on_a_gpu
-from bench.conformance.verdicts import check
+verdicts.STAGES, stress.CASES = ((on_a_gpu,),), ()
 torch.ones(1, requires_grad=True).sum().backward()
-print([result.reason for result in check(MeanColour()) if result.name == on_a_gpu.__doc__])
+print([result.reason for result in verdicts.check(MeanColour())])
 """
 
 

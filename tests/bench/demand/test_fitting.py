@@ -220,7 +220,7 @@ def test_encode_writes_the_scene_model_and_its_table(tmp_path, capsys):
     np.savez(tmp_path / "no.npz", a=1)
     demand_of(NEAR).save(tmp_path / "near.npz")
     words = ["encode", "satin", "--codec", "pca", "-o", str(tmp_path / "out.nbtf")]
-    for setting in ("components=8", "domain=rgb", "data.size=32", "data.views=9", "data.lights=9"):
+    for setting in ("components=8", "domain=rgb", "data.size=16", "data.views=9", "data.lights=9"):
         words += ["--set", setting]
     assert cli.main([*words, "--scene", str(tmp_path / "near.npz")]) == 0
     out = capsys.readouterr().out

@@ -165,7 +165,7 @@ def test_a_material_is_opened_where_the_user_says(packed, tmp_path, capsys):
     assert "like no known BTF" in capsys.readouterr().out
     # Nothing was measured, so the folder is free for the corrected command.
     assert cli.main(["results", "verify", str(archive), *options[:2], "--material", "silk=/none"]) == 2
-    assert "--material silk: the archive has no such material" in capsys.readouterr().err
+    assert "--material silk: " in capsys.readouterr().err
 
 
 def test_answers_that_are_not_finite_are_said_to_be(packed, tmp_path, capsys, monkeypatch):

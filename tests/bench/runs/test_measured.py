@@ -15,7 +15,7 @@ GROUPS = {"new view", "new light", "both new"}
 
 
 def test_with_nothing_held_out_all_pairs_are_fitted_and_decide(
-    tmp_path: Path, brief: None, undrawn: None, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, brief: None, undrawn: None, untimed: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_btf(tiny_btf(12, 6, 6), tmp_path / "a.npz")
     folder = tmp_path / "run"

@@ -31,6 +31,7 @@ from bench.runs.suite import CodecSpec, Suite
 
 CODECS = (CodecSpec("mean-colour"), CodecSpec("pca", {"components": 4}))
 SUITE = Suite("test", "", threads=1, materials=(MaterialSpec("tiny"),), codecs=CODECS)
+MEAN = replace(SUITE, codecs=CODECS[:1])
 
 
 @pytest.fixture(autouse=True)
@@ -125,7 +126,7 @@ def test_a_failure_is_a_record_and_is_retried_only_when_asked(tmp_path, monkeypa
 @pytest.mark.parametrize("suffix", [".nbtf", ".fit.json"])
 @pytest.mark.parametrize("spoil", ["cut", "gone", "other"])
 def test_what_is_spoiled_in_the_cache_is_fitted_anew(suffix, spoil, tmp_path, caplog):
-    job = outcomes(tmp_path)[0].record
+    job = outcomes(tmp_path, MEAN)[0].record
     path = (tmp_path / job["file"]).with_suffix(suffix)
     if spoil == "gone":
         path.unlink()
@@ -133,10 +134,10 @@ def test_what_is_spoiled_in_the_cache_is_fitted_anew(suffix, spoil, tmp_path, ca
         path.write_bytes(path.read_bytes()[:-10])
     else:
         path.write_bytes(b"[1]")
-    again = outcomes(tmp_path)[0]
+    again = outcomes(tmp_path, MEAN)[0]
     assert (again.record["status"], again.cached) == ("ok", "") or again.cached == "record"
     assert container.read_header(tmp_path / job["file"]).sha256 == job["score_key"]["sha256"]
-    assert outcomes(tmp_path)[0].cached == "record"
+    assert outcomes(tmp_path, MEAN)[0].cached == "record"
 
 
 def test_what_was_put_in_a_files_place_is_not_timed(tmp_path):
@@ -240,7 +241,7 @@ def test_jobs_stand_in_the_order_of_the_suite_in_whatever_order_they_end(tmp_pat
 def test_workers_that_do_not_see_the_folder_are_refused_before_any_job(tmp_path):
     executor = Elsewhere()
     workers = Workers(executor, 1000, everywhere=lambda see, *what: {"tcp://near:1": see(*what), "tcp://far:1": False})
-    with pytest.raises(InputError, match=r"run: not seen by the worker tcp://far:1, .*put --out on a file system"):
+    with pytest.raises(InputError, match=r"run: not seen by the worker tcp://far:1"):
         outcomes(tmp_path / "run", workers=lambda: nullcontext(workers))
     assert executor.calls == []
     assert not list((tmp_path / "run").iterdir())
@@ -250,7 +251,7 @@ def test_a_worker_that_joins_later_and_does_not_see_the_folder_stops_the_run_and
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     late = Elsewhere(change=lambda task: replace(task, folder=elsewhere) if late.calls[1:] else task)
-    with pytest.raises(InputError, match=r"elsewhere: not seen by the worker on .*put --out on a file system"):
+    with pytest.raises(InputError, match=r"elsewhere: not seen by the worker"):
         outcomes(tmp_path / "run", **through(late))
     assert not list(elsewhere.iterdir())
     assert [o.cached for o in outcomes(tmp_path / "run")] == ["record", ""]
@@ -262,7 +263,7 @@ def test_a_full_disk_stops_the_run_and_is_no_failure_of_a_job(tmp_path, monkeypa
 
     with monkeypatch.context() as patch:
         patch.setattr("bench.files.atomic.write", full)
-        with pytest.raises(InputError, match=r"\.nbtf: cannot be written .*No space left.*make room"):
+        with pytest.raises(InputError, match=r"\.nbtf: cannot be written .*No space left"):
             outcomes(tmp_path)
     assert list(load_run(tmp_path).jobs) == []
     assert [o.record["status"] for o in outcomes(tmp_path)] == ["ok", "ok"]

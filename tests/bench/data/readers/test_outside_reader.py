@@ -1,6 +1,5 @@
 """A reader of another package: opens, is listed; what is wrong with one is one line that names it."""
 
-import os
 import subprocess
 import sys
 import tomllib
@@ -71,10 +70,9 @@ def test_files_of_built_in_formats_import_none(installed, file):
     assert "FAILS: reader grey of greys 1.0 cannot be imported: ZeroDivisionError" in readers.listed()["grey"]
 
 
-def test_run_encode_and_list_take_it(installed, file, tmp_path, monkeypatch):
-    site = installed(SOURCE)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")]))
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+@pytest.mark.usefixtures("brief", "undrawn")
+def test_run_encode_and_list_take_it(installed, file, tmp_path, capsys):
+    installed(SOURCE)
     said = []
     for words in (
         ["list", "readers"],
@@ -82,10 +80,8 @@ def test_run_encode_and_list_take_it(installed, file, tmp_path, monkeypatch):
         ["run", "quick", "--material", file, "--codec", "mean-colour", "--out", tmp_path / "run"],
         ["table", "main", tmp_path / "run"],
     ):
-        command = [sys.executable, "-m", "bench.cli", *map(str, words)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-        said.append(done.stdout)
+        assert cli.main([*map(str, words)]) == 0
+        said.append(capsys.readouterr().out)
     assert "begins with `grey`" in said[0]
     assert "some" in said[-1]
 
