@@ -161,7 +161,7 @@ def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "C
     """
     from reports.parameters import parameters_table
 
-    return _formatted([parameters_table(jobs)], format, choice)
+    return _formatted([parameters_table(jobs, choice)], format, choice)
 
 
 def paper_text(

@@ -6,7 +6,7 @@ too. A *header* is the name of a column and, on a second line, its unit: ("PSNR"
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from bench.inputs.errors import InputError, did_you_mean
@@ -72,12 +72,21 @@ class Choice:
         for name in self.materials:
             if name not in materials_of_run:
                 raise InputError(f"--material {name}: this run does not have it{did_you_mean(name, materials_of_run)}")
-        # All names to suggest from, if a chosen one is not there.
-        codecs_of_run = {str(job.get("codec") or job["label"]) for job in run.jobs}
-        codecs_of_run |= {shown_label(job) for job in run.jobs}
+        self._refuse_absent_codecs(run.jobs, jobs)
+
+    def _refuse_absent_codecs(self, jobs: Iterable[Job], chosen: Iterable[Job]) -> None:
+        """Raise `InputError` for a codec that none of the `chosen` ones of some jobs has."""
+        names = {name for job in chosen for name in _codec_names(job)}
         for codec in self.codecs:
-            if not any(codec in _codec_names(job) for job in jobs):
-                raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, codecs_of_run)}")
+            if codec not in names:
+                known = {str(job.get("codec") or job["label"]) for job in jobs} | {shown_label(job) for job in jobs}
+                raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, known)}")
+
+    def of_jobs(self, jobs: Sequence[Job]) -> list[Job]:
+        """The jobs of the chosen codecs, of any material. `InputError` for a codec that none has."""
+        chosen = [job for job in jobs if not self.codecs or {*self.codecs} & {*_codec_names(job)}]
+        self._refuse_absent_codecs(jobs, chosen)
+        return chosen
 
     def _chosen(self, material: str, codec_names: Sequence[str]) -> bool:
         """Whether a job of this material, with a codec of these names, is chosen. Where none is given, all are."""

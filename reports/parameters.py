@@ -17,8 +17,9 @@ from typing import Any, NamedTuple, cast
 import pandas as pd
 
 from bench.records import Job, grouped, shown_label
+from reports.choice import Choice
 from reports.numbers import NONE
-from reports.table import Table
+from reports.table import Note, Table
 from reports.values import Column, Row, Stale, written
 
 EXECUTIONS = ("eager", "fused", "gpu")
@@ -59,7 +60,7 @@ PUBLISHED = {
 _ZELTNER_CODE = Published("Zeltner 2024 (code)", 819, 8)  # the authors' of 2026: docs/recipes.md
 
 
-def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
+def parameters_table(jobs: Iterable[TimedJob], choice: Choice | None = None) -> Table | None:
     """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`; None if there is none.
 
     The rows of a codec begin with its published recipe; ours follows. A job without the field `run` was not measured:
@@ -67,6 +68,9 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     """
     # The jobs of each row.
     jobs = [*jobs]
+    measured = {PUBLISHED[job["codec"]].method for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED}
+    if choice:
+        jobs = [cast(TimedJob, job) for job in choice.of_jobs(jobs)]
     finished = [job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED]
     decoders = grouped(finished, _decoder)
     if not decoders:
@@ -90,8 +94,7 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     ]
     if any("run" not in job for job in counted):
         notes += ["recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."]
-    codecs = {job["codec"] for job in chosen}
-    absent = dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in codecs)
+    absent = dict.fromkeys(paper.method for paper in PUBLISHED.values() if paper.method not in measured)
     if absent:
         notes.append(f"{NONE} {', '.join(absent)}: no codec of this method was measured.")
 
@@ -111,9 +114,10 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
             columns.append(Column("a sample", "ns GPU", "gpu", 1))
         columns.append(Column("a sample", "ns paper", "ns paper"))
         rows = [row | {name: ns.get(name, nan) for name in EXECUTIONS} for row, ns in zip(rows, times, strict=True)]
-        notes.append("Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name.")
+        about_times = "Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name."
         if gpus:
-            notes.append(f"GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20.")
+            about_times += f" GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20."
+        notes.append(Note((about_times, lambda name: name == "a sample")))
     values = pd.DataFrame(rows)
     values["stale"] = [stale.of(job.get("job", "") for job in same_decoder) for same_decoder in jobs_of_rows]
     return written("parameters", title, values, columns, notes, words=2)

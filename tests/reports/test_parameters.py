@@ -1,8 +1,13 @@
 from pathlib import Path
 
+import pytest
+
 from bench import cli
 from bench.compare.choosing import gpu_times
+from bench.inputs.errors import InputError
 from bench.records import Run
+from reports import parameters_text
+from reports.choice import Choice
 from reports.parameters import parameters_table
 
 
@@ -58,3 +63,12 @@ def test_every_count_of_the_papers_is_met_by_a_recipe_as_published(monkeypatch, 
     published = {"NeuBTF": 3011, "NeuMIP": 3332, "Rainer 2019": 35725, "Rainer 2020": 38269, "Biplane": 136451}
     published |= {"Zeltner 2024 (code)": 819, "Triple plane": 3011, "Hierarchical": 8026, "NeuralBTF": 556038}
     assert {method: int(row[2]) for method, row in first.items() if row[4] == "0"} == published
+
+
+def test_chosen_codecs_alone_are_shown_and_one_that_is_not_there_is_named():
+    jobs = [job("neubtf", 3_011, 14), job("neumip", 3_332, 14, "neumip bits=2"), job("neumip", 3_254, 14)]
+    text = parameters_text(jobs, "csv", Choice(codecs=["neumip bits=2"]))
+    assert "neumip bits=2" in text
+    assert "NeuBTF" not in text
+    with pytest.raises(InputError, match=r"neumib.*neumip"):
+        parameters_text(jobs, "csv", Choice(codecs=["neumib"]))
