@@ -6,7 +6,7 @@ choose one rung of a line for each surface, and its PSNR at test pairs is drawn.
 joins its best rungs over bytes. The *floor* is the time of one bilinear colour fetch.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -18,6 +18,8 @@ from reports.series import Plot, Series
 FAR_DB = 8.0  # lines so far below the best at every size of a curve are left out: they would press others together
 _STEPS = 8  # points of a drawn curve from one budget of bytes to the next
 _SIZES = [BITS[0] * 2 ** (step / _STEPS) for step in range(_STEPS * (len(BITS) - 1) + 1)]  # bits a texel
+
+_Curves = dict[str, dict[float, float]]  # by line, PSNR in dB by cost
 
 
 class Front(NamedTuple):
@@ -43,45 +45,57 @@ def _front(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Front:
     `surfaces` are the names of those of one `kind`. Lines that are far below the best everywhere are left out of both.
     The line of the highest PSNR comes first.
     """
-    # By line, its median PSNR by bits a texel; by bits, the best of all lines, 0 where none reaches.
-    curves = pd.DataFrame({bits: median_over(rungs.read(bits)[[*surfaces]]) for bits in _SIZES})
-    medians: dict[str, Any] = {line: curves.loc[line].dropna().to_dict() for line in rungs.hulls}
-    best = {bits: max(curve.get(bits, 0.0) for curve in medians.values()) for bits in _SIZES}
-    near: list[str] = []
-    for line in sorted(medians, key=lambda line: -max(medians[line].values(), default=0.0)):
-        if any(value > best[bits] - FAR_DB for bits, value in medians[line].items()):
-            near.append(line)
-    sizes = {line: medians[line] for line in near}
-
-    # By the time of a budget: the median PSNR of each line that has a rung within it on every surface.
-    ranked: dict[float, Any] = {}
-    for budget in rungs.limits:
-        if budget.kind == EAGER:
-            ranked[budget.most] = rungs.ranked(budget, surfaces).to_dict()
-    times = {line: {most: lines[line] for most, lines in ranked.items() if line in lines} for line in near}
-
-    def plot(of: str, words: str, x: dict[str, Any], lines: Mapping[str, Mapping[float, float]]) -> Plot:
-        """A plot with a line for each entry: its PSNR by the cost on the axis `x`."""
-        series: Series = []
-        for line, values in lines.items():
-            if values:
-                series.append({"label": line, "line": True, "points": [[cost, psnr] for cost, psnr in values.items()]})
-        return {
-            "material": "",
-            "kind": of,
-            "title": f"{kind} surfaces: quality over {words}",
-            "x": {"log": True, "less": True} | x,
-            "y": {"label": "test PSNR, dB"},
-            "series": series,
-            "missing": [line for line in near if not lines[line]],
-            "note": f"Medians over {', '.join(surfaces)}; codecs within {FAR_DB:g} dB of the best.",
-        }
-
+    curves = _near(_curves(rungs, surfaces))
     by_size = {"label": "bits of the file a texel", "unit": "bits", "ticks": BITS}
     by_time = {"label": "budget: time of a query, × floor", "unit": "× floor", "ticks": TIMES}
     return Front(
         kind,
         surfaces,
-        plot("size", "bytes", by_size, sizes),
-        plot("time", "time", by_time, times),
+        _plot("size", f"{kind} surfaces: quality over bytes", by_size, curves, surfaces),
+        _plot("time", f"{kind} surfaces: quality over time", by_time, _steps(rungs, surfaces, curves), surfaces),
     )
+
+
+def _curves(rungs: Rungs, surfaces: Sequence[str]) -> _Curves:
+    """By line with curves, its median PSNR by bits a texel, where it has a value on each surface."""
+    medians = pd.DataFrame({bits: median_over(rungs.read(bits)[[*surfaces]]) for bits in _SIZES})
+    found: dict[str, Any] = {line: medians.loc[line].dropna().to_dict() for line in rungs.hulls}
+    return found
+
+
+def _near(curves: _Curves) -> _Curves:
+    """The curves that come near the best at some size, the highest first."""
+    best = {bits: max(curve.get(bits, 0.0) for curve in curves.values()) for bits in _SIZES}
+    highest_first = sorted(curves, key=lambda line: -max(curves[line].values(), default=0.0))
+    return {
+        line: curves[line]
+        for line in highest_first
+        if any(value > best[bits] - FAR_DB for bits, value in curves[line].items())
+    }
+
+
+def _steps(rungs: Rungs, surfaces: Sequence[str], lines: Iterable[str]) -> _Curves:
+    """By line, its median PSNR by the time of a budget, where it has a rung within it on each surface."""
+    ranked: dict[float, Any] = {}
+    for budget in rungs.limits:
+        if budget.kind == EAGER:
+            ranked[budget.most] = rungs.ranked(budget, surfaces).to_dict()
+    return {line: {most: found[line] for most, found in ranked.items() if line in found} for line in lines}
+
+
+def _plot(of: str, title: str, x: dict[str, Any], curves: _Curves, surfaces: Sequence[str]) -> Plot:
+    """A plot with a line for each entry that has points: its PSNR by the cost on the axis `x`."""
+    series: Series = []
+    for line, values in curves.items():
+        if values:
+            series.append({"label": line, "line": True, "points": [[cost, psnr] for cost, psnr in values.items()]})
+    return {
+        "material": "",
+        "kind": of,
+        "title": title,
+        "x": {"log": True, "less": True} | x,
+        "y": {"label": "test PSNR, dB"},
+        "series": series,
+        "missing": [line for line, values in curves.items() if not values],
+        "note": f"Medians over {', '.join(surfaces)}; codecs within {FAR_DB:g} dB of the best.",
+    }
