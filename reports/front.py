@@ -1,4 +1,4 @@
-"""Tables of each codec's quality within budgets of bytes and time, and of its curves of quality over bytes.
+"""Tables of each codec's quality at equal bytes and within budgets of bytes and time.
 
 Each kind of table is one function from the rungs of a run (`reports.rungs`, which explains the terms) to a table of
 values with its columns, which `written` makes cells of. To change a column of a table, change its `Column` here.
@@ -8,10 +8,8 @@ how many dB it is ahead of the line `AGAINST` at equal bytes; two lines are *tol
 gap. A *footprint* is the side of the square of texels that a pixel covers.
 """
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from math import isinf, isnan, log2, nan
-from statistics import median
+from collections.abc import Callable, Iterator, Sequence
+from math import isnan, log2, nan
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -19,40 +17,40 @@ import pandas as pd
 from bench.compare.choosing import NEAR_DB
 from bench.compare.paired import AGAINST
 from bench.compare.ranks import Ranks, ranks
-from bench.compare.statistics import FEWEST, bd_rate
-from bench.records import MOST_DB, Job, Machine, Run, shown_label
-from reports.notes import beside
-from reports.numbers import NONE, fixed, signed, significant
+from bench.compare.statistics import FEWEST
+from bench.records import MOST_DB, Run
+from reports.curves import curves_tables
+from reports.numbers import NONE, fixed, significant
+from reports.of_rungs import (
+    CODEC,
+    METRICS,
+    READ,
+    common_notes,
+    in_words,
+    interval_cell,
+    lead_cell,
+    lead_notes,
+    of_leads,
+    stale_of,
+    unit_of,
+    untimed,
+    why_absent,
+    won_cell,
+)
 from reports.rungs import (
     BYTES,
     EAGER,
     ENOUGH,
     FIT,
-    FOOTPRINTS,
-    LEAST_RUNGS,
-    LEAST_SURFACES,
     Budget,
     Rungs,
-    Summary,
     median_over,
     rungs_of,
 )
 from reports.table import Table
 from reports.values import Column, Row, written
 
-_NAMED = 5  # rows that a note on excluded records names
-MEMORY = 256  # bits a texel of a decoder in memory, at which codecs are compared
 _TIED = 3  # codecs with the same number that a cell names
-_NEVER = "∞"  # a BD-rate: no number of bytes is enough
-_METRICS = [Column("PSNR", "dB", "psnr", 2), Column("SSIM", "", "ssim", 3), Column("FLIP", "", "flip", 3)]
-_Parts = tuple[str, pd.DataFrame, list[Column], list[str]]  # title, values, columns and notes of a table
-_CODEC = Column("codec", "", "codec")
-_CAP = f"A slice counts at most {MOST_DB} dB, an error of one step of an 8-bit display."
-_READ = (
-    f"At a size: read off the curve of the rungs that validation pairs choose, test pairs (docs/metrics.md, “Curves”). "
-    f"{NONE}: a curve does not reach that size on each surface. ≥: fewer than three rungs, the best within that size. "
-    f"A slice counts at most {MOST_DB} dB, an error of one step of an 8-bit display."
-)
 _WITHIN = (
     "Within a size: read off the curve of the rungs that validation pairs choose, at its end if it ends before; "
     "without a curve, and within a time, of the rung that they choose. A codec without a rung as small or as fast on "
@@ -65,29 +63,12 @@ def front_table(run: Run) -> Iterator[Table]:
     """A row a line at 32 bits a texel: PSNR by kind of surface, its lead over `AGAINST`, and its time. The largest
     lead stands first."""
     rungs = rungs_of(run)
-    kinds = rungs.kinds
-    readings = {kind: rungs.readings(ENOUGH, surfaces) for kind, surfaces in kinds.items() if surfaces}
-    lines = list(dict.fromkeys(line for found in readings.values() for line in found.index))
-    if not lines:
+    values = _front_values(rungs)
+    if values.empty:
         return
-    # A line whose curves all end below this size has dashes for PSNR, but may have a lead at fewer bytes.
-    lines += [line for line in rungs.hulls if line not in lines]
-    values = pd.DataFrame({"codec": lines, "stale": _stale(rungs, lines)}, index=lines)
-    for kind, found in readings.items():
-        values[kind] = found["value"]
-        values[f"{kind} bound"] = found["bound"]
-    values["pooled"] = median_over(rungs.read(ENOUGH.most, "pooled"))
-    leads = {line: rungs.lead(line) for line in lines}
-    values = values.join(_of_leads(leads))
-    values["single"] = [line not in rungs.hulls for line in lines]
-    values["time"] = rungs.read(ENOUGH.most, EAGER).median(axis=1)  # of those timed
-    against = values.index == AGAINST  # which has no lead over itself
-    values = values.assign(order=values["median"].mask(against, 0.0)).sort_values(
-        "order", ascending=False, kind="stable"
-    )
-    columns = [_CODEC]
+    columns = [CODEC]
     absent: dict[str, list[str]] = {}  # kinds by the line that keeps them from having a best
-    for kind, surfaces in kinds.items():
+    for kind, surfaces in rungs.kinds.items():
         leader = rungs.absent_leader(ENOUGH, surfaces)
         if leader:
             absent.setdefault(leader, []).append(kind)
@@ -96,57 +77,39 @@ def front_table(run: Run) -> Iterator[Table]:
         columns.append(Column(name, "dB ↑", kind, better=better, before=("≥", f"{kind} bound")))
     columns += [
         Column("pooled", "dB ↑", "pooled"),
-        Column("lead", "dB ↑", "median", signed=True, write=_lead),
-        Column("95 % interval", "of the lead", "median", write=_interval),
-        Column("ahead", "on", "won", write=_won),
+        Column("lead", "dB ↑", "median", signed=True, write=lead_cell),
+        Column("95 % interval", "of the lead", "median", write=interval_cell),
+        Column("ahead", "on", "won", write=won_cell),
         Column("time", "× floor ↓", "time", -3),
     ]
     title = f"At {in_words(ENOUGH)}: test PSNR, medians over {', '.join(rungs.surfaces)}"
     notes = ["Pooled: of the squared error of all slices of a surface together, median over all surfaces."]
-    notes += [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over all surfaces.", *_lead_notes(values)]
+    notes += [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over all surfaces.", *lead_notes(values)]
     for leader, names in absent.items():
-        notes.append(f"No best is marked on {', '.join(names)} surfaces: {_absent(leader)}.")
+        notes.append(f"No best is marked on {', '.join(names)} surfaces: {why_absent(leader)}.")
     if EAGER in rungs.times:
         notes.append("Time: eager, of the files between which PSNR is read off, in the same shares; a median, too.")
-    yield written("front", title, values, columns, [*notes, _READ, *_common(run, rungs)])
+    yield written("front", title, values, columns, [*notes, READ, *common_notes(run, rungs)])
 
 
-def _of_leads(leads: Mapping[str, Summary | None]) -> pd.DataFrame:
-    """The fields of leads, and whether they are told apart, by line; lines without a lead are left out."""
-    rows = {line: {**lead._asdict(), "apart": lead.apart} for line, lead in leads.items() if lead}
-    return pd.DataFrame.from_dict(rows, orient="index", columns=[*Summary._fields, "apart"])
-
-
-def _lead(row: Row) -> str:
-    """The lead, with a ° if it comes from single rungs."""
-    if isnan(row["median"]):
-        # `AGAINST` has no lead over itself; any other line shares no bytes with it.
-        return "" if row["codec"] == AGAINST else NONE
-    return signed(row["median"], 1) + "°" * row["single"]
-
-
-def _interval(row: Row) -> str:
-    """The interval of a lead, with a star if it tells the two apart; "" without a lead."""
-    if isnan(row["median"]):
-        return ""
-    return f"{signed(row['low'], 1)} to {signed(row['high'], 1)}{'*' * row['apart']}"
-
-
-def _won(row: Row) -> str:
-    """On how many surfaces a line is ahead, and of how many; "" without a lead."""
-    return "" if isnan(row["median"]) else f"{row['won']:.0f} of {row['surfaces']:.0f}"
-
-
-def _lead_notes(values: pd.DataFrame) -> Iterator[str]:
-    """Notes on the marks beside leads: what ° and * mean, or why no lead is told apart."""
-    leads = values[values["median"].notna()]
-    if leads["single"].any():
-        yield "°: of fewer than three rungs, each at its own bytes."
-    if leads["apart"].astype(bool).any():
-        yield "*: told apart: the interval leaves out 0."
-    elif len(leads):
-        few = leads["surfaces"].max() < LEAST_SURFACES
-        yield f"None is told apart: that takes {LEAST_SURFACES} surfaces." if few else "None is told apart."
+def _front_values(rungs: Rungs) -> pd.DataFrame:
+    """A row a line, the largest lead first: medians over the surfaces of each kind, leads, and time; empty without."""
+    readings = {kind: rungs.readings(ENOUGH, surfaces) for kind, surfaces in rungs.kinds.items()}
+    lines = list(dict.fromkeys(line for found in readings.values() for line in found.index))
+    if not lines:
+        return pd.DataFrame()
+    # A line whose curves all end below this size has dashes for PSNR, but may have a lead at fewer bytes.
+    lines += [line for line in rungs.hulls if line not in lines]
+    values = pd.DataFrame({"codec": lines, "stale": stale_of(rungs, lines)}, index=lines)
+    for kind, found in readings.items():
+        values[kind] = found["value"]
+        values[f"{kind} bound"] = found["bound"]
+    values["pooled"] = median_over(rungs.read(ENOUGH.most, "pooled"))
+    values = values.join(of_leads({line: rungs.lead(line) for line in lines}))
+    values["single"] = [line not in rungs.hulls for line in lines]
+    values["time"] = rungs.read(ENOUGH.most, EAGER).median(axis=1)  # of those timed
+    values["order"] = values["median"].mask(values.index == AGAINST, 0.0)  # which has no lead over itself
+    return values.sort_values("order", ascending=False, kind="stable")
 
 
 def budgets_tables(run: Run) -> Iterator[Table]:
@@ -162,10 +125,10 @@ def budgets_tables(run: Run) -> Iterator[Table]:
     made = [found for kind, surfaces in groups if (found := _of_surfaces(rungs, kind, surfaces))]
     if made:  # notes common to them stand once, below the last
         notes = made[-1][-1]
-        notes += [_READ, *_common(run, rungs)]
-        untimed = _untimed(rungs)
-        if untimed:
-            notes.append(f"Not timed, so within no time: {'; '.join(untimed)}.")
+        notes += [READ, *common_notes(run, rungs)]
+        without_time = untimed(rungs)
+        if without_time:
+            notes.append(f"Not timed, so within no time: {'; '.join(without_time)}.")
     for title, values, columns, notes in made:
         yield written("budgets", title, values, columns, notes)
 
@@ -179,8 +142,8 @@ def _of_surfaces(
     lines = list(dict.fromkeys(line for found in readings.values() for line in found.index))
     if not lines:
         return None
-    values = pd.DataFrame({"codec": lines, "stale": _stale(rungs, lines, surfaces)}, index=lines)
-    columns = [_CODEC]
+    values = pd.DataFrame({"codec": lines, "stale": stale_of(rungs, lines, surfaces)}, index=lines)
+    columns = [CODEC]
     shapes = {rungs.shapes[name] for name in surfaces}
     best_so_far = 0.0
     outdone = False
@@ -218,13 +181,8 @@ def _of_surfaces(
     if outdone:
         notes.append("No best is marked at a size where a codec whose curves end before has more dB at a smaller one.")
     for leader, names in absent.items():
-        notes.append(f"No best is marked at {', '.join(names)}: {_absent(leader)}.")
+        notes.append(f"No best is marked at {', '.join(names)}: {why_absent(leader)}.")
     return title, values, columns, notes
-
-
-def _absent(leader: str) -> str:
-    """Why no line is marked as the best where `leader` has a value on some surfaces alone."""
-    return f"{leader} leads on the surfaces where its curve reaches that size"
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
@@ -233,7 +191,7 @@ def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
     If all surfaces have one shape (height, width), the second line of a budget of bytes is the size of the file.
     """
     if budget.kind != BYTES:
-        return f"{budget.most:g} {_unit(budget.kind)}", budget.kind
+        return f"{budget.most:g} {unit_of(budget.kind)}", budget.kind
     bits_a_texel = budget.most
     if len(shapes) > 1:
         return f"{bits_a_texel:g} bits", "a texel"
@@ -248,22 +206,22 @@ def rung_tables(run: Run) -> Iterator[Table]:
     rungs = rungs_of(run)
     surfaces = list(rungs.surfaces)
     if len(surfaces) > 1:
-        columns = [_CODEC, Column("on", "surfaces", "surfaces"), Column("rungs", "", "rungs", 0, better="none")]
+        columns = [CODEC, Column("on", "surfaces", "surfaces"), Column("rungs", "", "rungs", 0, better="none")]
         columns += [Column("bits a texel", "medians", "bits"), Column("seeds", "of each", "seeds")]
         note = "A codec has one row if it has the same rungs, with as many seeds, on each surface that it has."
         yield written("rungs", "Ladders: what was measured of each codec", _ladders(rungs), columns, [note], words=2)
     at_budgets = Column("at bits, times" if rungs.times else "at bits a texel", "", "budgets")
     total = Column("total", "bytes", "total", 0)
-    notes = [_CHOICE, *_common(run, rungs)]
-    medians = [total, *_METRICS]
+    notes = [_CHOICE, *common_notes(run, rungs)]
+    medians = [total, *METRICS]
     rows = list(_median_rows(rungs, medians)) if len(surfaces) > 1 else []
     if rows:
         values = pd.DataFrame(rows)
-        values["stale"] = _stale(rungs, values["codec"])
+        values["stale"] = stale_of(rungs, values["codec"])
         title = f"Medians over {len(surfaces)} materials of the rung of each budget"
-        yield written("rungs", title, values, [_CODEC, at_budgets, *medians], notes, words=2)
-    columns = [_CODEC, Column("rung", "", "setting"), at_budgets, total, Column("validation", "dB", "validation", 2)]
-    columns += [*_METRICS, *(Column(kind, _unit(kind), kind, -3) for kind in rungs.times)]
+        yield written("rungs", title, values, [CODEC, at_budgets, *medians], notes, words=2)
+    columns = [CODEC, Column("rung", "", "setting"), at_budgets, total, Column("validation", "dB", "validation", 2)]
+    columns += [*METRICS, *(Column(kind, unit_of(kind), kind, -3) for kind in rungs.times)]
     for material in surfaces:
         picked: dict[str, dict[int, list[Budget]]] = {}  # by line and number of a rung: the budgets that choose it
         for budget in rungs.limits:
@@ -273,7 +231,7 @@ def rung_tables(run: Run) -> Iterator[Table]:
         chosen = {rung: _span(limits) for of_line in picked.values() for rung, limits in of_line.items()}
         values = rungs.frame.loc[list(chosen)].assign(codec=lambda rung: rung["line"])
         values["budgets"] = list(chosen.values())
-        values["stale"] = _stale(rungs, values["codec"], [material])
+        values["stale"] = stale_of(rungs, values["codec"], [material])
         title = f"{material}: the rung of each budget"
         yield written("rungs", title, values, columns, notes, words=3, material=material)
 
@@ -355,7 +313,7 @@ def when_table(run: Run) -> Iterator[Table]:
     columns += [
         Column(name, "", field, write=_with_unit(field)) for name, field in (("best", "value"), ("then", "next"))
     ]
-    notes = [f"No answer to “{'”, “'.join(asked)}”: {_absent(leader)}." for leader, asked in absent.items()]
+    notes = [f"No answer to “{'”, “'.join(asked)}”: {why_absent(leader)}." for leader, asked in absent.items()]
     if rows:
         yield written("when", "Which codec when", pd.DataFrame(rows), columns, [*notes, _WITHIN], words=3)
 
@@ -392,7 +350,7 @@ class _Question(NamedTuple):
 def _questions(rungs: Rungs) -> Iterator[_Question]:
     """The questions of the table: about each budget, the fewest bytes, each surface, and the other metrics."""
     surfaces = list(rungs.surfaces)
-    psnr, *others = [Column("PSNR", "dB", "psnr", 1), *_METRICS[1:]]
+    psnr, *others = [Column("PSNR", "dB", "psnr", 1), *METRICS[1:]]
     enough = in_words(ENOUGH)
     ranked = {budget: rungs.ranked(budget, surfaces) for budget in rungs.limits} if surfaces else {}
     for budget, medians in ranked.items():
@@ -431,159 +389,12 @@ def ranks_table(run: Run) -> Iterator[Table]:
         near = [other for other, its in ranking.mean.items() if other != line and abs(its - rank) < ranking.critical]
         rows.append({"codec": line, "rank": rank, "near": ", ".join(near) or NONE})
     values = pd.DataFrame(rows)
-    values["stale"] = _stale(rungs, values["codec"])
+    values["stale"] = stale_of(rungs, values["codec"])
     # Nothing is marked: ranks are read by their critical difference.
-    columns = [_CODEC, Column("mean rank", "↓", "rank", 2, better="none"), Column("not told apart from", "", "near")]
+    columns = [CODEC, Column("mean rank", "↓", "rank", 2, better="none"), Column("not told apart from", "", "near")]
     title = f"Mean ranks over {len(rungs.surfaces)} surfaces at {in_words(ENOUGH)}"
     note = f"Nemenyi's critical difference: {ranking.critical:.2f}."
     yield written("ranks", title, values, columns, [note, _WITHIN])
-
-
-def curves_tables(run: Run) -> Iterator[Table]:
-    """The tables of curves: differences to `AGAINST`, three metrics and PSNR by footprint at one size, bytes in memory.
-
-    PSNR at several sizes stands in `table budgets`.
-    """
-    rungs = rungs_of(run)
-    made = []
-    if AGAINST in rungs.hulls:
-        made.append(_differences(rungs))
-    made += [_three_metrics(rungs), _footprints(rungs), _in_memory(rungs)]
-    with_rows = [found for found in made if len(found[1])]
-    if with_rows:  # notes on all of them stand once, below the last
-        notes = with_rows[-1][-1]
-        reach = (
-            f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
-        )
-        notes.append(
-            f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {_CAP}"
-        )
-        if rungs.unlike:
-            notes.append(f"Left out: {len(rungs.unlike)} jobs that are not comparable.")
-    for title, values, columns, notes in with_rows:
-        values["codec"] = values.index
-        values["stale"] = _stale(rungs, values.index)
-        yield written("curves", title, values, [_CODEC, *columns], notes)
-
-
-def _differences(rungs: Rungs) -> _Parts:
-    """A row a codec: BD-PSNR by kind of surface and over all, each with its interval, and BD-rate."""
-    lines = [line for line in rungs.hulls if line != AGAINST]
-    values = _of_leads({line: rungs.lead(line) for line in lines})
-    for kind, surfaces in rungs.kinds.items():
-        of_kind = _of_leads({line: rungs.lead(line, surfaces) for line in values.index})
-        whole = of_kind[of_kind["surfaces"] == len(surfaces)]  # a median over fewer surfaces would not compare
-        values[kind] = whole["median"].reindex(values.index)
-        values[f"{kind} interval"] = whole.apply(_interval, axis=1).reindex(values.index, fill_value="")
-    values["rate"] = [100 * _median_rate(rungs, line) for line in values.index]
-    values = values.sort_values("median", ascending=False, kind="stable")
-    told = f"None is told apart: that takes {LEAST_SURFACES} surfaces."
-    if (values["surfaces"] >= LEAST_SURFACES).any():
-        told = f"*: told apart: at least {LEAST_SURFACES} surfaces, and an interval without 0."
-    notes = [
-        "BD-PSNR: the mean gap in dB at equal bytes, over the bytes that both codecs reach. BD-rate: the mean gap in "
-        f"bytes at equal dB; less than 0 takes fewer bytes; {_NEVER}: on half of the surfaces or more, no file of the "
-        f"codec is as good as the smallest of {AGAINST}. {told}"
-    ]
-    columns = [
-        *(Column(f"{kind}, {len(on)}", "dB ↑", kind, write=_with_interval(kind)) for kind, on in rungs.kinds.items()),
-        Column("all", "dB ↑", "median", signed=True),
-        Column("95 % interval", "of the median", "median", write=_interval),
-        Column("ahead", "on ↑", "won", 0, write=_won),
-        Column("BD-rate", "median ↓", "rate", 0, signed=True, write=_rate),
-    ]
-    return f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR", values, columns, notes
-
-
-def _with_interval(kind: str) -> Callable[[Row], str]:
-    """A function that writes the lead of a row on surfaces of a kind, with its interval."""
-
-    def write(row: Row) -> str:
-        """The lead and its interval: “+0.5 (+0.2 to +1.1)”; a dash without one."""
-        if isnan(row[kind]):
-            return NONE
-        return f"{signed(row[kind], 1)} ({row[f'{kind} interval'].rstrip('*')})"
-
-    return write
-
-
-def _median_rate(rungs: Rungs, line: str) -> float:
-    """The median of BD-rate over the surfaces where a line and `AGAINST` have curves, as a share; NaN without any.
-
-    A surface on which one line is above all that the other reaches counts with −1 or infinity, and not at all if both
-    lines are level there, at what a display shows.
-    """
-    rates = []
-    for surface, hull in rungs.hulls[line].items():
-        other = rungs.hulls[AGAINST].get(surface)
-        ours, theirs = rungs.curve(hull), rungs.curve(other) if other else None
-        rate = bd_rate(ours, theirs) if ours and theirs else None
-        if rate is not None:
-            rates.append(rate)
-    return median(rates) if rates else nan
-
-
-def _rate(row: Row) -> str:
-    """A BD-rate in per cent as a cell."""
-    if isnan(row["rate"]):
-        return NONE
-    return _NEVER if isinf(row["rate"]) else f"{signed(row['rate'], 0)} %"
-
-
-def _three_metrics(rungs: Rungs) -> _Parts:
-    """A row a codec: three metrics at one size, `ENOUGH`, each with the codec's place by it.
-
-    So a reader sees whether the metrics agree on the order. Codecs that lack a metric, or whose curves do not reach
-    that size on each surface, are left out: places among different codecs would not compare.
-    """
-    values = pd.DataFrame({each.field: median_over(rungs.read(ENOUGH.most, each.field)) for each in _METRICS}).dropna()
-    for metric in _METRICS:
-        values[f"{metric.field} place"] = values[metric.field].rank(ascending=metric.field == "flip", method="first")
-    values = values.sort_values("psnr", ascending=False, kind="stable")
-    columns = [
-        Column("PSNR", "dB ↑", "psnr", better="none", write=_with_place("psnr", 1)),
-        Column("SSIM", "↑", "ssim", better="none", write=_with_place("ssim", 3)),
-        Column("FLIP", "↓", "flip", better="none", write=_with_place("flip", 3)),
-    ]
-    where = f"at {ENOUGH.most} bits a texel on {len(rungs.surfaces)} surfaces"
-    return f"Curves {where}: three metrics, and the place by each", values, columns, []
-
-
-def _with_place(field: str, digits: int) -> Callable[[Row], str]:
-    """A function that writes a number of the field with the place by it."""
-    return lambda row: f"{fixed(row[field], digits)} ({row[f'{field} place']:.0f})"
-
-
-def _footprints(rungs: Rungs) -> _Parts:
-    """A row a codec: PSNR at one size, a column a footprint. From further away a pixel covers more texels a side."""
-    values = pd.DataFrame({side: median_over(rungs.read(ENOUGH.most, side)) for side in FOOTPRINTS}).dropna()
-    values = values.sort_values(FOOTPRINTS[-1], ascending=False, kind="stable")
-    columns = [Column("1 texel" if side == "1" else f"{side} texels", "dB ↑", side) for side in FOOTPRINTS]
-    note = (
-        "Footprint: texels a side of a pixel. The truth is averaged over it; a codec without levels of detail aliases."
-    )
-    where = f"at {ENOUGH.most} bits a texel on {len(rungs.surfaces)} surfaces"
-    return f"Curves {where}: PSNR by footprint", values, columns, [note]
-
-
-def _in_memory(rungs: Rungs) -> _Parts:
-    """A row a codec: PSNR by kind of surface, at one size in memory in place of one in the file, and the lead there."""
-    resident = rungs.over_memory()
-    values = pd.DataFrame({kind: median_over(resident.read(MEMORY)[on]) for kind, on in rungs.kinds.items()})
-    values = values.dropna(how="all")
-    values = values.join(_of_leads({line: resident.lead(line) for line in values.index}))
-    values["single"] = False
-    values = values.sort_values([*rungs.kinds], ascending=False, kind="stable")
-    columns = [
-        *(Column(f"{kind}, {len(on)}", "dB ↑", kind) for kind, on in rungs.kinds.items()),
-        Column("lead", "dB ↑", "median", signed=True, write=_lead),
-        Column("95 % interval", "of the lead", "median", write=_interval),
-    ]
-    note = (
-        "In memory: textures, tables and networks as this suite's decoders hold them to be asked, in float32. "
-        f"A renderer may hold them in fewer bits. Lead: over {AGAINST} at equal bytes in memory."
-    )
-    return f"Curves over bytes in memory: test PSNR at {MEMORY} bits a texel", values, columns, [note]
 
 
 # By kind of table: the function that makes the tables of a run.
@@ -595,76 +406,3 @@ TABLES = {
     "ranks": ranks_table,
     "curves": curves_tables,
 }
-
-
-def _stale(rungs: Rungs, lines: Iterable[str], surfaces: Sequence[str] = ()) -> list[str]:
-    """Of each line its codec and why its numbers, on some surfaces or on all, cannot be made again; "" if they can."""
-    on = surfaces or rungs.surfaces
-    reasons = {line: reason for (line, surface), reason in rungs.stale.items() if surface in on}
-    return [reasons.get(line, "") for line in lines]
-
-
-def in_words(budget: Budget) -> str:
-    """A budget in words, such as "64 bits a texel", "8 × floor, eager" or "10 s, fit"."""
-    if budget.kind == BYTES:
-        return f"{budget.most:g} bits a texel"
-    return f"{budget.most:g} {_unit(budget.kind)}, {budget.kind}"
-
-
-def _unit(kind: str) -> str:
-    """The unit of a kind of time: seconds of a fit, or multiples of the floor, of a query."""
-    return "s" if kind == FIT else "× floor"
-
-
-def _common(run: Run, rungs: Rungs) -> Iterator[str]:
-    """Notes common to all tables of budgets: on what machine times were measured, and which jobs are left out."""
-    if set(rungs.times) - {FIT}:  # there are times of queries, and not of fits alone
-        machines = "; ".join(_machines(run))
-        yield f"Times: medians, × floor, one bilinear fetch; {machines}."
-    excluded = []
-    if rungs.without:
-        excluded.append(f"{_by_suite(run, rungs.without)}, without a score of validation pairs")
-    if rungs.unlike:
-        rows = list(dict.fromkeys(f"{job['material']}/{shown_label(job)}" for job in rungs.unlike))
-        first_rows = ", ".join(rows[:_NAMED])
-        if len(rows) > _NAMED:
-            first_rows += ", …"
-        excluded.append(f"{_by_suite(run, rungs.unlike)} ({first_rows}), not comparable with {beside(run)}")
-    if excluded:
-        yield f"Left out: {'; '.join(excluded)}."
-
-
-def _untimed(rungs: Rungs) -> list[str]:
-    """The settings without a time of a query, of lines that have times of others."""
-    timed = rungs.frame.groupby(["line", "label"], sort=False)[EAGER].count() > 0
-    some = timed.groupby(level="line").transform("any")
-    return timed.index[some & ~timed].get_level_values("label").tolist()
-
-
-def _machines(run: Run) -> list[str]:
-    """The processors and cores on which times were measured, each once: "AMD EPYC, 8 cores"."""
-    machines: dict[str, None] = {}
-    # Only timings of settings, apart from surfaces, have `rounds`. Where there are any, budgets use no others.
-    timings = [timing for timing in run.timings if "rounds" in timing]
-    if not timings:
-        timings = list(run.timings)
-    for timing in timings:
-        name = timing.get("run", "")
-        # A start is one call of the command that measures. A timing that names none is taken to be of the last one.
-        starts = [start for start in run.starts if not name or start.get("run") == name]
-        machine = starts[-1].get("machine", Machine()) if starts else Machine()
-        parts = []
-        if machine.get("processor"):
-            parts.append(str(machine["processor"]))
-        if "cores" in machine:
-            parts.append(f"{machine['cores']} cores")
-        if parts:
-            machines[", ".join(parts)] = None
-    return list(machines)
-
-
-def _by_suite(run: Run, jobs: Sequence[Job]) -> str:
-    """How many jobs are of which suite, the file that names what to measure: "3 of budgets, 1 of no suite"."""
-    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}  # by name of the start
-    counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
-    return ", ".join(f"{count} of {suite}" for suite, count in counts.items())

@@ -7,7 +7,7 @@ run without validation pairs has no budgets, so its codecs are compared as they 
 from bench.compare.paired import AGAINST
 from bench.compare.ranks import SAME_DB
 from bench.records import Run, codec_of
-from reports.front import in_words
+from reports.of_rungs import in_words
 from reports.ranking import ranked
 from reports.rungs import ENOUGH, rungs_of
 

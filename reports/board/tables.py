@@ -17,8 +17,8 @@ import pandas as pd
 from bench.records import codec_of
 from reports import by_material
 from reports.board.sources import STATES, Publication
-from reports.front import in_words
 from reports.numbers import EXACT, NONE, fixed, integer, signed
+from reports.of_rungs import in_words
 from reports.rows import CodecRows, MaterialRows, Row
 from reports.rungs import BYTES, rungs_of
 from reports.table import Table

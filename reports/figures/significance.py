@@ -14,8 +14,9 @@ from bench.compare.paired import Interval
 from bench.compare.statistics import FEWEST
 from bench.records import Run
 from reports.figures.canvas import Figure, new, png, short, style
-from reports.front import in_words, mean_ranks
+from reports.front import mean_ranks
 from reports.numbers import interval
+from reports.of_rungs import in_words
 from reports.ranking import against_one
 from reports.rows import materials
 from reports.rungs import ENOUGH, rungs_of

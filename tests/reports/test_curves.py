@@ -1,7 +1,7 @@
 """The tables of curves: Bjøntegaard's differences, and three metrics at one size."""
 
 from bench.records import FLIP, PSNR, SSIM
-from reports.front import curves_tables
+from reports.curves import curves_tables
 from tests.reports.test_rungs import at_bits, run_of
 
 

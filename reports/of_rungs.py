@@ -1,0 +1,140 @@
+"""What the tables of rungs share: their columns, the cells of leads, and their notes."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import isnan
+
+import pandas as pd
+
+from bench.compare.paired import AGAINST
+from bench.records import MOST_DB, Job, Machine, Run, shown_label
+from reports.notes import beside
+from reports.numbers import NONE, signed
+from reports.rungs import BYTES, EAGER, FIT, LEAST_SURFACES, Budget, Rungs, Summary
+from reports.values import Column, Row
+
+_NAMED = 5  # rows that a note on excluded records names
+CODEC = Column("codec", "", "codec")
+METRICS = [Column("PSNR", "dB", "psnr", 2), Column("SSIM", "", "ssim", 3), Column("FLIP", "", "flip", 3)]
+CAP = f"A slice counts at most {MOST_DB} dB, an error of one step of an 8-bit display."
+READ = (
+    f"At a size: read off the curve of the rungs that validation pairs choose, test pairs (docs/metrics.md, “Curves”). "
+    f"{NONE}: a curve does not reach that size on each surface. ≥: fewer than three rungs, the best within that size. "
+    f"A slice counts at most {MOST_DB} dB, an error of one step of an 8-bit display."
+)
+
+
+def of_leads(leads: Mapping[str, Summary | None]) -> pd.DataFrame:
+    """The fields of leads, and whether they are told apart, by line; lines without a lead are left out."""
+    rows = {line: {**lead._asdict(), "apart": lead.apart} for line, lead in leads.items() if lead}
+    return pd.DataFrame.from_dict(rows, orient="index", columns=[*Summary._fields, "apart"])
+
+
+def lead_cell(row: Row) -> str:
+    """The lead, with a ° if it comes from single rungs."""
+    if isnan(row["median"]):
+        # `AGAINST` has no lead over itself; any other line shares no bytes with it.
+        return "" if row["codec"] == AGAINST else NONE
+    return signed(row["median"], 1) + "°" * row["single"]
+
+
+def interval_cell(row: Row) -> str:
+    """The interval of a lead, with a star if it tells the two apart; "" without a lead."""
+    if isnan(row["median"]):
+        return ""
+    return f"{signed(row['low'], 1)} to {signed(row['high'], 1)}{'*' * row['apart']}"
+
+
+def won_cell(row: Row) -> str:
+    """On how many surfaces a line is ahead, and of how many; "" without a lead."""
+    return "" if isnan(row["median"]) else f"{row['won']:.0f} of {row['surfaces']:.0f}"
+
+
+def lead_notes(values: pd.DataFrame) -> Iterator[str]:
+    """Notes on the marks beside leads: what ° and * mean, or why no lead is told apart."""
+    leads = values[values["median"].notna()]
+    if leads["single"].any():
+        yield "°: of fewer than three rungs, each at its own bytes."
+    if leads["apart"].astype(bool).any():
+        yield "*: told apart: the interval leaves out 0."
+    elif len(leads):
+        few = leads["surfaces"].max() < LEAST_SURFACES
+        yield f"None is told apart: that takes {LEAST_SURFACES} surfaces." if few else "None is told apart."
+
+
+def why_absent(leader: str) -> str:
+    """Why no line is marked as the best where `leader` has a value on some surfaces alone."""
+    return f"{leader} leads on the surfaces where its curve reaches that size"
+
+
+def stale_of(rungs: Rungs, lines: Iterable[str], surfaces: Sequence[str] = ()) -> list[str]:
+    """Of each line its codec and why its numbers, on some surfaces or on all, cannot be made again; "" if they can."""
+    on = surfaces or rungs.surfaces
+    reasons = {line: reason for (line, surface), reason in rungs.stale.items() if surface in on}
+    return [reasons.get(line, "") for line in lines]
+
+
+def in_words(budget: Budget) -> str:
+    """A budget in words, such as "64 bits a texel", "8 × floor, eager" or "10 s, fit"."""
+    if budget.kind == BYTES:
+        return f"{budget.most:g} bits a texel"
+    return f"{budget.most:g} {unit_of(budget.kind)}, {budget.kind}"
+
+
+def unit_of(kind: str) -> str:
+    """The unit of a kind of time: seconds of a fit, or multiples of the floor, of a query."""
+    return "s" if kind == FIT else "× floor"
+
+
+def common_notes(run: Run, rungs: Rungs) -> Iterator[str]:
+    """Notes common to all tables of budgets: on what machine times were measured, and which jobs are left out."""
+    if set(rungs.times) - {FIT}:  # there are times of queries, and not of fits alone
+        machines = "; ".join(_machines(run))
+        yield f"Times: medians, × floor, one bilinear fetch; {machines}."
+    excluded = []
+    if rungs.without:
+        excluded.append(f"{_by_suite(run, rungs.without)}, without a score of validation pairs")
+    if rungs.unlike:
+        rows = list(dict.fromkeys(f"{job['material']}/{shown_label(job)}" for job in rungs.unlike))
+        first_rows = ", ".join(rows[:_NAMED])
+        if len(rows) > _NAMED:
+            first_rows += ", …"
+        excluded.append(f"{_by_suite(run, rungs.unlike)} ({first_rows}), not comparable with {beside(run)}")
+    if excluded:
+        yield f"Left out: {'; '.join(excluded)}."
+
+
+def untimed(rungs: Rungs) -> list[str]:
+    """The settings without a time of a query, of lines that have times of others."""
+    timed = rungs.frame.groupby(["line", "label"], sort=False)[EAGER].count() > 0
+    some = timed.groupby(level="line").transform("any")
+    return timed.index[some & ~timed].get_level_values("label").tolist()
+
+
+def _machines(run: Run) -> list[str]:
+    """The processors and cores on which times were measured, each once: "AMD EPYC, 8 cores"."""
+    machines: dict[str, None] = {}
+    # Only timings of settings, apart from surfaces, have `rounds`. Where there are any, budgets use no others.
+    timings = [timing for timing in run.timings if "rounds" in timing]
+    if not timings:
+        timings = list(run.timings)
+    for timing in timings:
+        name = timing.get("run", "")
+        # A start is one call of the command that measures. A timing that names none is taken to be of the last one.
+        starts = [start for start in run.starts if not name or start.get("run") == name]
+        machine = starts[-1].get("machine", Machine()) if starts else Machine()
+        parts = []
+        if machine.get("processor"):
+            parts.append(str(machine["processor"]))
+        if "cores" in machine:
+            parts.append(f"{machine['cores']} cores")
+        if parts:
+            machines[", ".join(parts)] = None
+    return list(machines)
+
+
+def _by_suite(run: Run, jobs: Sequence[Job]) -> str:
+    """How many jobs are of which suite, the file that names what to measure: "3 of budgets, 1 of no suite"."""
+    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}  # by name of the start
+    counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
+    return ", ".join(f"{count} of {suite}" for suite, count in counts.items())
