@@ -5,11 +5,9 @@ the layout of BC6 blocks, emulate their decoding in training, and decode channel
 here are BC1's, three latents in four bits a texel, and a network like NeuBTF's answers with radiance. From halfway
 through the fit ends and places between them are rounded as in the file. See docs/recipes.md.
 
-*Latents* are the numbers of a texel that the network reads, three for each of T *textures*. B *blocks* of 4 × 4
-texels cover a texture. A block has two *ends*, colours of three channels, and each of its texels lies on the line
-between them: its *share* of the way, from 0 to 1, becomes one of four *steps*. A *pair* is one view and one light. The
-network answers *log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. An
-*objective* holds what is fitted, and computes the loss of a step.
+A texel has three latents for each of T *textures*. B *blocks* of 4 × 4 texels cover a texture. A block has two *ends*,
+colours of three channels, and each of its texels lies on the line between them: its *share* of the way, from 0 to 1,
+becomes one of four *steps*. The network answers log radiance.
 """
 
 import math

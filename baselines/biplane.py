@@ -5,9 +5,7 @@ for each texel a matrix and an offset that colour the decoder's answer; they are
 are from the authors' code; here the answer is log radiance, not radiance up to 1. See docs/recipes.md.
 
 *Features* are the numbers that a point of a plane gives the decoder. A texel's *colours* are its matrix and its offset,
-12 numbers. An *ABRDF* is the radiance of one texel at all pairs of view and light. *Log radiance* is log1p(gain ·
-radiance), where the *gain*, one number a BTF, is 8 × its exposure. An *objective* holds what is fitted, and computes
-the loss of a step. From half of the fit on, planes are looked up *rounded*, as the file stores them.
+12 numbers. From half of the fit on, planes are looked up *rounded*, as the file stores them.
 """
 
 import math

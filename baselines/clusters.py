@@ -1,8 +1,7 @@
 """Clusters of texels, found by k-means among the principal components of their log ABRDFs, and their index.
 
-An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each; a log ABRDF its log
-radiance, log1p(gain · radiance). A texel's *point* is its k coefficients of principal components. A *label* is the
-number of a texel's cluster, a *code* what a codec stores for a cluster; the *index* holds the labels of all texels.
+A texel's *point* is its k coefficients of principal components. A *label* is the number of a texel's cluster, a *code*
+what a codec stores for a cluster; the *index* holds the labels of all texels.
 """
 
 import numpy as np

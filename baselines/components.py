@@ -1,10 +1,7 @@
 """Common parts of codecs whose material is coefficients of texels times components interpolated over pairs.
 
-An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each. A texel's ABRDF is about
-the mean of all plus the sum of k components, (N, 3) each of N pairs, times its k coefficients. What is decomposed are
-radiance or its logarithm, *log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its
-exposure. *Rounding* is how a file stores coefficients: each channel in few bits, chosen by the error that this causes
-in some *probed* values of the BTF.
+A texel's ABRDF is about the mean of all plus the sum of k components, (N, 3) each of N pairs, times its k coefficients.
+What is decomposed is radiance or log radiance.
 """
 
 import math

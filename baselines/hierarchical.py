@@ -5,9 +5,8 @@ point, and the place and the directions as sines of octaves. The authors convolv
 for; here the neighbours are in the material, 9 × 9 places a footprint apart at the directions of the query, so that
 every query has one answer. See docs/recipes.md.
 
-`baselines.neumip` says what latents, levels, tables, pairs, log radiance, gain and objectives are. *Pictures* are here
-small squares of S × S texels of one level of detail; *places* are the points that the decoder sees, and also the
-setting for the octaves of their u and v.
+`baselines.neumip` says what levels and tables are. *Pictures* are here small squares of S × S texels of one level of
+detail; *places* are the points that the decoder sees, and also the setting for the octaves of their u and v.
 """
 
 import math

@@ -6,11 +6,9 @@ sixteen harmonics of the light. With several views, each texel has the products 
 as in Gunawardane et al. ("Optimized image sampling for view and light interpolation", 2009).
 
 *Band* l has 2l + 1 harmonics, so n bands have n². Of polynomials, band l are the l + 1 products of powers of x and y of
-degree l, so n bands have n (n + 1) / 2. A *pair* is one of N pairs of view and light; K is the number of products of
-functions of light and view, of which each texel has a coefficient for each colour. What is fitted are radiance or, with
-`domain=log`, *log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure; with
-`cosine` it is of radiance over the cosine of the light. *Rounding* is how the file stores coefficients: in few bits,
-chosen by the error that this causes in some values of the BTF, the *probed* ones.
+degree l, so n bands have n (n + 1) / 2. There are N pairs; K is the number of products of functions of light and view,
+of which each texel has a coefficient for each colour. What is fitted is radiance or, with `domain=log`, log radiance;
+with `cosine` it is of radiance over the cosine of the light.
 """
 
 import itertools

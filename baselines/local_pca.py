@@ -3,10 +3,8 @@
 Clusters are those of Kambhatla and Leen ("Dimension reduction by local principal component analysis", Neural
 Computation 9(7), 1997): from k-means on, each texel moves to the cluster whose components give it the least error.
 
-An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each; a log ABRDF its *log
-radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. The clustering does not see
-log ABRDFs but *points*: each texel's coefficients of the principal components of all texels. *Rounding* is how the file
-stores numbers: in few bits, chosen by the error that this causes in some values of the BTF, the *probed* ones.
+The clustering does not see log ABRDFs but *points*: each texel's coefficients of the principal components of all
+texels.
 """
 
 import math

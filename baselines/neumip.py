@@ -4,11 +4,9 @@ A pyramid of latents fetched trilinearly by footprint, a small decoder, and a ne
 the view, as parallax does. Details that the paper leaves open follow the authors' published configuration, but
 for what docs/recipes.md lists.
 
-*Latents* are the numbers of a texel that a network reads. Each *level* of detail has half as many texels a side as the
-one before; level 0 is the finest. A *table* (rows, C) holds the latents of all levels, the finest first, a row a texel.
-A *pair* is one view and one light. *Log radiance* is log1p(gain · radiance), where the *gain*, one number a BTF, is 8 ×
-its exposure. An *objective* holds what is fitted, and computes the loss of a step. From half of the fit on, textures
-are looked up *rounded*, as the file stores them: see `bench.training.stored_texture`.
+Each *level* of detail has half as many texels a side as the one before; level 0 is the finest. A *table* (rows, C)
+holds the latents of all levels, the finest first, a row a texel. From half of the fit on, textures are looked up
+*rounded*, as the file stores them: see `bench.training.stored_texture`.
 """
 
 import math

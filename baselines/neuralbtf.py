@@ -4,10 +4,7 @@ Three levels of the texture are fetched at one uv and concatenated. A second, sm
 learned factor, the gate, scales its output and starts at 0. For what differs from the authors' code see
 docs/recipes.md.
 
-*Latents* are the numbers of a texel that a network reads. A *pair* is one view and one light. *Log radiance* is
-log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its *exposure*, the factor that maps radiance to the
-display. An *objective* holds what is fitted, and computes the loss of a step. From half of the fit on, textures are
-looked up *rounded*, as the file stores them: see `bench.training.stored_texture`.
+From half of the fit on, textures are looked up *rounded*, as the file stores them: see `bench.training.stored_texture`.
 """
 
 import math

@@ -6,8 +6,7 @@ is radiance. The finer grid is read at the four points around a texel, side by s
 network answers texels; queries between them are interpolated.
 
 A *feature* is one of the numbers of a grid's point, from −1 to 1; a file has a *code* of each, a whole number of `bits`
-bits. A *pair* is one view and one light. *Log radiance*, which the network answers, is log1p(gain · radiance), where
-the *gain*, one number a BTF, is 8 × its exposure. An *objective* holds what is fitted, and computes the loss of a step.
+bits. The network answers log radiance.
 """
 
 import copy

@@ -1,10 +1,7 @@
 """Principal components of the ABRDFs: a texture of coefficients times a few eigen-ABRDFs.
 
-An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each. A texel's ABRDF is about
-the mean of all plus the sum of k components, the eigen-ABRDFs, times its k coefficients. With `domain=log` it holds
-*log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. *Rounding* is how the
-file stores coefficients and components: each in few bits, chosen by the error that this causes in some values of the
-BTF, the *probed* ones.
+A texel's ABRDF is about the mean of all plus the sum of k components, the eigen-ABRDFs, times its k coefficients. With
+`domain=log` it holds log radiance. The file rounds coefficients and components.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,8 @@
 """A texture and its coarser levels in one table, fetched trilinearly, and a step of a fit to all levels of detail.
 
 Each *level* has half as many texels a side as the one before; level 0 is the finest, the picture itself. A *table*
-(rows, C) holds the texels of all levels, the finest first, a row a texel, row by row of each level. A *pair* is one
-view and one light; a *sample* is the radiance of one texel of a level at one pair. A *footprint* is the side of the
-square on the surface that a query averages over, in units of the picture's longer side.
+(rows, C) holds the texels of all levels, the finest first, a row a texel, row by row of each level. A *sample* is the
+radiance of one texel of a level at one pair.
 """
 
 import math

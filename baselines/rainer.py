@@ -3,11 +3,8 @@
 An encoder maps a texel's ABRDF to latents; six further channels hold the mean and the deviation of its log radiance.
 The decoder maps latents and two directions to a colour, scaled by the deviation and shifted by the mean.
 
-An *ABRDF* is the radiance of one texel at all *pairs* of view and light; a log ABRDF, (pairs, 3), its log radiance,
-log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. The encoder sees *normalised* ABRDFs:
-without the mean, over the deviation. *Latents* are D numbers of a texel that the decoder reads, *statistics* its mean
-and its deviation, three numbers each; D + 6 numbers are a *row* of the texture. An *objective* holds what is fitted,
-and computes the loss of a step.
+Log ABRDFs are (pairs, 3). The encoder sees *normalised* ABRDFs: without the mean, over the deviation. A texel has D
+latents; its *statistics* are its mean and its deviation, three numbers each; D + 6 numbers are a *row* of the texture.
 """
 
 from dataclasses import dataclass

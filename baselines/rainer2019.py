@@ -3,9 +3,9 @@
 An encoder maps each texel's ABRDF to a few latents, a decoder maps latents and two directions to colour; both are
 fitted together, one pair of networks per material. Only the decoder is stored; it has the published 35,725 parameters.
 Details that no available text confirms are settings or constants here and in `baselines.rainer`, which also says what
-ABRDFs, latents, statistics and log radiance are. With `start=components`, the default, there is no encoder: latents are
-*free*, numbers that the fit changes for themselves. *Rounding* is how the file stores the texture: each channel in a
-few bits. Free latents may also lie on further grids, and be moved along the view; that is no part of the paper.
+statistics are. With `start=components`, the default, there is no encoder: latents are *free*, numbers that the fit
+changes for themselves. Free latents may also lie on further grids, and be moved along the view; that is no part of the
+paper.
 """
 
 from dataclasses import dataclass

@@ -3,7 +3,7 @@
 One encoder and one decoder for all materials, trained once (`neubtf-bench pretrain rainer2020`) and kept in a file of
 their own; the decoder has the published 38,269 parameters. A new material's ABRDFs are resampled to the canonical pairs
 of that file and encoded. Details that no text confirms are settings or constants here and in `baselines.rainer`, which
-also says what ABRDFs, latents, statistics and log radiance are.
+also says what statistics are.
 
 The *canonical pairs* are C pairs of view and light that the encoder always sees, whatever pairs a material has. In the
 training, texels of materials in `fit.unseen` are kept out: the fit's *curve*, of PSNR over steps, is measured on them.

@@ -5,8 +5,7 @@ neither parallax nor cast shadows, and no anisotropy. The maps are fitted by the
 eight bits as pictures are, and averaged for larger footprints: colours in linear light, normals as vectors.
 
 A texel's *maps* are `CHANNELS` numbers, linear colour from 0 to 1 among them; its *codes* are the `STORED` bytes of a
-file. A *pair* is one view and one light. The fit compares log radiance, log1p(gain · radiance), where the *gain*, one
-number a BTF, is 8 × its exposure. An *objective* holds what is fitted, and computes the loss of a step.
+file. The fit compares log radiance.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """The measured table at half precision, interpolated between its samples: the reference for quality.
 
-The table holds the linear radiance of each texel at each *pair* of view and light. Numbers are divided by a *scale*, 1
-or a power of two, since halves end at 65,504.
+The table holds the linear radiance of each texel at each pair. Numbers are divided by a *scale*, 1 or a power of two,
+since halves end at 65,504.
 """
 
 import numpy as np

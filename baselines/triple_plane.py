@@ -4,10 +4,8 @@ Three planes of features: over the texels, over the half vector and over the dif
 half vector. The values fetched from the three enter a small network. Facts are from the authors' code (see
 docs/recipes.md), which runs the network in eight bits; ours uses floats.
 
-*Features*, or latents, are the numbers that a texel of a plane gives the network. A *pair* is one view and one light.
-The network answers *log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. An
-*objective* holds what is fitted, and computes the loss of a step. From half of the fit on, planes are looked up
-*rounded*, as the file stores them.
+*Features*, or latents, are the numbers that a texel of a plane gives the network. The network answers log radiance.
+From half of the fit on, planes are looked up *rounded*, as the file stores them.
 """
 
 from dataclasses import dataclass, replace

@@ -6,10 +6,7 @@ SIGGRAPH 2005) continue with alternating least squares, known as HOOI. Here this
 the texels, which fit in memory. The three colours stay whole.
 
 A *mode* is an axis of the table: texels, V views or L lights. Its *basis* has K, J or M vectors, and the *core* says
-how much each product of the three counts. A *pair* is one view and one light; an *ABRDF* is the radiance of one texel
-at all pairs. With `domain=log` the table holds *log radiance*, log1p(gain · radiance), where the *gain*, one number a
-BTF, is 8 × its exposure. *Rounding* is how the file stores numbers: in few bits, chosen by the error that this causes
-in some values of the BTF, the *probed* ones.
+how much each product of the three counts. With `domain=log` the table holds log radiance.
 """
 
 from collections.abc import Sequence

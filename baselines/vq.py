@@ -4,11 +4,8 @@ Tong et al. introduced the clustering of ABRDFs ("Synthesis of bidirectional tex
 2002). Stages that code the residual of earlier ones are due to Havran, Filip and Myszkowski ("Bidirectional texture
 function compression based on multi-level vector quantization", Computer Graphics Forum 29(1), 2010).
 
-An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each; a log ABRDF its *log
-radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. A *code* is an entry of a
-*stage*'s codebook, (N, 3) of N pairs; a *label* is the number of a texel's code in a stage, hence also of its cluster.
-A texel's log ABRDF is about the sum of its codes, one of each stage. *Rounding* is how the file stores the codebook: in
-few bits, chosen by the error that this causes in some values of the BTF, the *probed* ones.
+A *code* is an entry of a *stage*'s codebook, (N, 3) of N pairs; a *label* is the number of a texel's code in a stage,
+hence also of its cluster. A texel's log ABRDF is about the sum of its codes, one of each stage.
 """
 
 import math

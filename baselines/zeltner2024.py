@@ -5,11 +5,8 @@ enter a network of two hidden layers. `edition` chooses between the article and 
 parameters of a layered material for the authors' encoder, so the texture is free, as in their second stage. See
 docs/recipes.md for other open details. Further grids and an offset along the view are no part of the article.
 
-*Latents* are the numbers of a texel that the network reads. A *frame* is a normal and a tangent of length 1, and the
-axis across both; a direction *turned* into it is given by its x, y and z on these axes. A *pair* is one view and one
-light. *Log radiance* is log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. An *objective*
-holds what is fitted, and computes the loss of a step. From half of the fit on, latents are looked up *rounded*, as the
-file stores them.
+A *frame* is a normal and a tangent of length 1, and the axis across both; a direction *turned* into it is given by its
+x, y and z on these axes. From half of the fit on, latents are looked up *rounded*, as the file stores them.
 """
 
 import math

@@ -1,8 +1,6 @@
 """The training steps of NeuBTF, our recipe, in three stages; the paper's is `neubtf.published`.
 
-The encoder makes a neural texture, some latents for each texel, from a guidance image, which is a displayed slice of
-the BTF: all texels for one pair of view and light. The renderer turns a texel's latents and two directions into log
-radiance, log1p(gain · radiance).
+The guidance image of the encoder is a displayed slice; the renderer answers with log radiance.
 
 1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are eight times as fast as others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.

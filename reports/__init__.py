@@ -1,9 +1,6 @@
 """Draws tables and figures from records and the arrays that they name; measures nothing.
 
-A *job* is one codec with its settings on one material, fitted with one seed; its *record* is its result, as a dict. A
-*run* is the records of many jobs, read from a folder that also holds the stored pictures. A *rung* is a measured
-setting of a codec, chosen within a budget of bytes or time by its quality at *validation* pairs of directions; tables
-show test pairs.
+docs/structure.md defines the words of tables.
 
 The functions import what they need when they are called, so that `import reports` loads nothing that draws.
 """

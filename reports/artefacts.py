@@ -1,9 +1,8 @@
 """The arrays and maps that a run stores beside its records.
 
 An *artefact* of a job is such a file, too large for the record, which has its path in a field of the artefact's name:
-`slices` (the numbers of every slice), `pictures` (a few slices as pictures), `angular` (scores by direction). A *slice*
-is one picture of the material: all texels at one pair of view and light directions. Tables and pages do without a file
-that is missing.
+`slices` (the numbers of every slice), `pictures` (a few slices as pictures), `angular` (scores by direction). Tables
+and pages do without a file that is missing.
 """
 
 import json

@@ -1,8 +1,7 @@
 """The stored slices of a run as pictures of a page: the truth of each material, each codec's answers and FLIP maps.
 
-A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A run stores some 16 of
-them for each codec. A FLIP map shows in the colours of magma how visible the error of each texel is. The page's slice
-viewer shows one pair at a time; all pairs of a codec lie in one picture, as a grid, because that is smaller.
+A run stores some 16 slices for each codec. FLIP maps are in the colours of magma. The page's slice viewer shows one
+pair at a time; all pairs of a codec lie in one picture, as a grid, because that is smaller.
 """
 
 import base64

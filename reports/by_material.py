@@ -1,14 +1,11 @@
 """The tables by material: what each codec costs, and its quality by metric, direction and footprint, and in a scene.
 
-Each column is a `Measure`: its header, and the field of `bench.compare.frame` that has its number. A row is a codec
-with its settings, over its seeds. Quality is measured slice by slice: a *slice* is one picture of the material, all
-texels at one pair of view and light directions. The pairs that *decide* are the held-out ones, which no codec sees in
-its fit, or all pairs where none are held out. A record has statistics of each *group* of pairs (`train`, `heldout`,
-`heldout, grazing view`): `mean` and `std` over its slices, `pooled` (of the mean error of all slices together), `worst`
-(the mean of the worst tenth).
+Each column is a `Measure`: its header, and the field of `bench.compare.frame` that has its number. A row is over the
+seeds. The pairs that *decide* are the held-out ones, or all pairs where none are held out. A record has statistics of
+each *group* of pairs (`train`, `heldout`, `heldout, grazing view`): `mean` and `std` over its slices, `pooled` (of the
+mean error of all slices together), `worst` (the mean of the worst tenth).
 
-Times are × *floor*: multiples of the time of one bilinear fetch of a colour. An *exact* slice has no error, so its PSNR
-has no number. A model *of a scene* was fitted to the pairs that one scene uses; its *frames* are pictures of it.
+An *exact* slice has no error, so its PSNR has no number. The *frames* of a model of a scene are pictures of that scene.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -1,8 +1,7 @@
 """Tables for a paper: some of their codecs, materials and columns, with other names, as options of a command ask for.
 
-A *job* is one codec with its settings on one material, with one seed. Its *label* is the codec with the settings that
-differ from the defaults, `neubtf steps=100`; `shown_label` is the label as tables have it, which may name the recipe
-too. A *header* is the name of a column and, on a second line, its unit: ("PSNR", "dB ↑ ± seeds").
+`shown_label` is the label as tables have it, which may name the recipe too. A *header* is the name of a column and, on
+a second line, its unit: ("PSNR", "dB ↑ ± seeds").
 """
 
 import re

@@ -3,9 +3,8 @@
 Each kind of table is one function from the rungs of a run (`reports.rungs`, which explains the terms) to a table of
 values with its columns, which `written` makes cells of. To change a column of a table, change its `Column` here.
 
-Times of queries are multiples of the *floor*, the time of one bilinear fetch of a colour. The *lead* of a line is by
-how many dB it is ahead of the line `AGAINST` at equal bytes; two lines are *told apart* if chance hardly explains the
-gap. A *footprint* is the side of the square of texels that a pixel covers.
+Times of queries are multiples of the floor. The *lead* of a line is by how many dB it is ahead of the line `AGAINST` at
+equal bytes; two lines are *told apart* if chance hardly explains the gap.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,9 +1,7 @@
 """The data of plots of quality over budgets: curves over bytes, and rungs within budgets of the time of a query.
 
-A *surface* is a material of the run. A *line* is a codec, or a codec as published. A *rung* is one setting of it, such
-as `components=8`, that was measured; within a *budget* (of bits a texel, or of the time of a query) validation pairs
-choose one rung of a line for each surface, and its PSNR at test pairs is drawn. The *curve* of a line on a surface
-joins its best rungs over bytes. The *floor* is the time of one bilinear colour fetch.
+Within a *budget* (of bits a texel, or of the time of a query) validation pairs choose one rung of a line for each
+surface, and its PSNR at test pairs is drawn. The *curve* of a line on a surface joins its best rungs over bytes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,9 +1,9 @@
 """The live materials of a page: each codec's program as a packed shader, until the page is full.
 
-A *program* is a decoded material as a list of plain operations, from which a shader of the browser is made: a reader
-turns the light, and the material answers. A *model* is what the page needs to draw it: the shader's text and the bytes
-of its textures. *Packed*, it is one text. A run stores a program as a *drawing*, a file that the record names. The
-*truth* is a model, too, made of a few pairs of the measured data.
+From a program a shader of the browser is made: a reader turns the light, and the material answers. A *model* is what
+the page needs to draw it: the shader's text and the bytes of its textures. *Packed*, it is one text. A run stores a
+program as a *drawing*, a file that the record names. The *truth* is a model, too, made of a few pairs of the measured
+data.
 """
 
 import io

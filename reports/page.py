@@ -4,10 +4,9 @@ Nothing in it points outside it, and nothing of the data is executed: data are J
 all text is escaped, and a content security policy allows the page's own scripts alone, by their hashes. How it looks
 is said in `reports/templates/`; here is what stands in it. The templates call the methods of `Page`.
 
-A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A *live* material is
-drawn by the page in the browser, under lights that a reader moves. A *strip* is a row of pictures: the truth and some
-codecs' answers at one pair or, of a scene, in one frame. A *row* is one job: a codec with its settings on one material,
-fitted with one seed. *Own* codecs are those that the package lacks, most likely the reader's.
+A *live* material is drawn by the page in the browser, under lights that a reader moves. A *strip* is a row of pictures:
+the truth and some codecs' answers at one pair or, of a scene, in one frame. *Own* codecs are those that the package
+lacks, most likely the reader's.
 """
 
 import json

@@ -5,10 +5,8 @@ The short one is laid out as Table 1 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno,
 (`reports.parameters` has the paper's Table 2.) The third shows the suite `ablation`: each codec as it is, and what each
 change of a setting is worth.
 
-A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A *job* is one codec with
-its settings on one material, fitted with one seed; its *label* is the codec with these settings, `neubtf recipe=paper`.
-The *family* of a metric is its name without its variant: `ssim` of `ssim_periodic`. The suite
-`paper-nearest` has for each material of the paper the *nearest* one that anyone can get.
+The *family* of a metric is its name without its variant: `ssim` of `ssim_periodic`. The suite `paper-nearest` has for
+each material of the paper the *nearest* one that anyone can get.
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -1,9 +1,6 @@
 """The parameters of decoders and the channels of textures, ours beside those published.
 
-A *decoder* turns a texel of a codec's texture, a view and a light direction into a colour. A *job* is one codec with
-its settings on one material, fitted with one seed; its *label* is the codec with these settings. Some codecs have the
-setting `recipe`: `paper` is the published one, `ours` the default. An *execution* is a way to run a decoder: `eager`
-(PyTorch's operations one by one), `fused` (one kernel), `gpu` (the quickest on a GPU).
+The execution `gpu` is the quickest on a GPU.
 
 Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces:
 "NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers in their papers or their authors' code.

@@ -1,8 +1,7 @@
 """The ranking of the codecs of a run, and the difference of each to one of them; both are computed only once.
 
-A *codec* is here one with its settings, named by its *label*, such as `pca components=8`; it is a *row* of the summary.
-Its *standing* is its place by PSNR over all materials. It has a *rank* only if it was measured on every material of the
-run. A model *of a scene* was fitted to the directions that one scene uses, so it answers for that scene alone.
+A *codec* is here one with its settings, a row of the summary. Its *standing* is its place by PSNR over all materials.
+It has a *rank* only if it was measured on every material of the run.
 """
 
 from collections.abc import Mapping

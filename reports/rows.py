@@ -1,10 +1,8 @@
 """The jobs of a run as rows of tables, by material, with the reasons why a row cannot be compared with the others.
 
-A *job* is one codec with its settings on one material, fitted with one seed; its record is a dict. A *label* is the
-codec with its settings, `pca components=8`. A *slice* is one picture of a material: all texels at one *pair* of view
-and light directions. Pairs that are *held out* are seen by no fit. They *decide* the place of a codec in tables; if
-none are held out, all pairs do. A slice is *exact* if it has no error. The *family* of a metric is its name without its
-variant. A *start* of a run is one call of the command that measures; a run may have several.
+Held-out pairs *decide* the place of a codec in tables; if none are held out, all pairs do. A slice is *exact* if it has
+no error. The *family* of a metric is its name without its variant. A *start* of a run is one call of the command that
+measures; a run may have several.
 """
 
 from collections import Counter

@@ -1,11 +1,9 @@
 """The rungs of a run, the curves that they make, and what is read off these: numbers for tables and figures.
 
-A *rung* is one setting of a codec, as measured with one seed or several. A *line* is a codec, by its name; a codec as
-its paper publishes it is a line of its own, "neumip, as published". A *surface* is a material. A *budget* is a limit on
-the bytes of a file, on the time of a query or on the time of a fit. Rungs are chosen by *validation* pairs of
-directions, and shown with their scores at *test* pairs. The *curve* of a line on a surface joins its rungs on the upper
-convex hull of validation PSNR over log bytes; from the best rung it goes on level to the largest that was measured,
-since a file may be smaller than it may be. It is never extrapolated. docs/metrics.md has the rules.
+A *budget* is a limit on the bytes of a file, on the time of a query or on the time of a fit. Rungs are chosen by
+*validation* pairs of directions, and shown with their scores at *test* pairs. The *curve* of a line on a surface joins
+its rungs on the upper convex hull of validation PSNR over log bytes; from the best rung it goes on level to the largest
+that was measured, since a file may be smaller than it may be. It is never extrapolated. docs/metrics.md has the rules.
 
 Tables of lines have a row a line and a column a surface, with NaN where a line has no value.
 """

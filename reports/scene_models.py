@@ -1,8 +1,7 @@
 """Models of a scene beside whole ones: the table of a search for the smallest, and what they save and gain in a run.
 
-A *model of a scene* is a codec's file that was fitted to the pairs of view and light directions that one scene uses. A
-*whole* (or *full*) model is fitted to the whole material. *Frames* are the pictures of the scene, rendered from a file.
-A *slice* is one picture of the material: all texels at one pair of directions. *Held-out* pairs are seen by no fit.
+A *whole* (or *full*) model is fitted to the whole material. *Frames* are the pictures of the scene, rendered from a
+file.
 """
 
 import json

@@ -1,8 +1,7 @@
 """The stored frames of a scene as pictures of a page: the truth, models of the scene, whole models.
 
 A *frame* is a picture of the scene, rendered once from each model's file and once from the reference table, which is
-the truth. A *model of the scene* was fitted to the directions that the scene uses, a *whole* one to the whole material.
-A *label* is a codec with its settings. Frames are arrays (n, H, W, 3) of 8 bits.
+the truth. A *whole* model was fitted to the whole material. Frames are arrays (n, H, W, 3) of 8 bits.
 """
 
 from collections.abc import Iterator

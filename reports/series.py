@@ -4,9 +4,6 @@ A plot has `material` ("" if it is over all), `kind`, `title`, its axes `x` and 
 `missing` codecs and, maybe, a `note`. An axis has a `label` and may have a `unit`; `log` is true of a logarithmic one,
 `less` where less is better, and `ticks` are its marks. An entry of the series is a codec with its settings: its `label`
 and its `points`, lists of numbers; with `line`, a line joins them; one line joins all entries with the same `curve`.
-
-A *slice* is one picture of a material: all texels at one pair of view and light directions. A *footprint* is the square
-of texels over which an answer is averaged. A model *of a scene* was fitted to the directions that one scene uses.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -1,7 +1,7 @@
 """The colour, marker and line of each codec, the same in every figure; codecs known here keep theirs in every run.
 
-A *label* is a codec with its settings, such as `pca components=8`; its first word names the codec. A *setting* is one
-such label of a codec. Codecs *from outside* are not of the package, so most likely the reader's *own*.
+The first word of a label names the codec; a *setting* is one label of a codec. Codecs *from outside* are not of the
+package, so most likely the reader's *own*.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """A run for a terminal of 120 columns: short main tables, errors by direction and footprint, and failed jobs.
 
-A *main* table has quality, size and time of each codec on one material. A *band* is a group of pairs of view and light
-directions, such as grazing views. A *footprint* is the square of texels over which an answer is averaged.
+A *main* table has quality, size and time of each codec on one material. A *band* is a group of pairs, such as grazing
+views.
 """
 
 from bench.records import Run

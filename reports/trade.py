@@ -1,12 +1,10 @@
 """Writes the results of `neubtf-bench trade`, timings among the records of a run, as tables.
 
-A *choice* is a codec with its settings, an *execution* ("eager": PyTorch's operations one by one; "fused": one kernel)
-and a precision; one of each material is the *floor*, a bilinear fetch of a colour, which has times alone.
-*ratio_to_floor* is a time as a multiple of it. A *ceiling* is a measured rate of the machine, of arithmetic or of
-copying. The *limit* of a choice is its least time by these. A
-*profile* is the times of the parts of a decoder. A choice is *on the front* of speed (or of rate) if no other is at
-least as good in both PSNR and time (or bytes), and better in one. A *slice* is one picture of the material: all texels
-at one pair of view and light directions.
+A *choice* is a codec with its settings, an execution and a precision; one of each material is the floor, which has
+times alone. *ratio_to_floor* is a time as a multiple of it. A *ceiling* is a measured rate of the machine, of
+arithmetic or of copying. The *limit* of a choice is its least time by these. A *profile* is the times of the parts of a
+decoder. A choice is *on the front* of speed (or of rate) if no other is at least as good in both PSNR and time (or
+bytes), and better in one.
 """
 
 import json

@@ -8,12 +8,11 @@ The material marches the view ray to the surface, or without a height moves the 
 the latents there, from grids at full, half and quarter resolution; and shades. The network sees ω_o, ω_i and the half
 vector h in xyz, and with a height how far the relief rises into the ray to the light.
 
-A *slice* is one picture of the BTF: all texels at one pair of a view (ω_o, `wo`) and a light (ω_i, `wi`). *Samples* are
-the radiances that a fit learns, at texels and pairs; *queries* are the same questions as uv, directions and *level*,
-the level of detail: 0 is the picture, and each further one has half as many texels a side. A *grid* is a texture of
-latents, named `latents`, `latents2`, `latents4` (full, half, quarter resolution) or `offset`; a *pyramid* is a grid
-with its coarser levels, its *table* (rows, C) all their texels. To *march* is to search where a ray meets the surface.
-*Log radiance* is log1p(gain · radiance), with one gain for a material.
+*Samples* are the radiances that a fit learns, at texels and pairs; *queries* are the same questions as uv, directions
+and *level*, the level of detail: 0 is the picture, and each further one has half as many texels a side. A *grid* is a
+texture of latents, named `latents`, `latents2`, `latents4` (full, half, quarter resolution) or `offset`; a *pyramid* is
+a grid with its coarser levels, its *table* (rows, C) all their texels. To *march* is to search where a ray meets the
+surface.
 """
 
 import math

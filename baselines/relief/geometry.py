@@ -6,10 +6,9 @@ so a point of height z appears at its own place − z · ω_o.xy / ω_o.z.
 
 Slices and costs over a range of heights are shifted to the place where each height shows a surface point.
 
-uv (n, 2) are places in [0, 1)², u to the right and v upwards, while rows of a picture count downwards. A *slice* (H, W)
-is the picture of all texels at one pair of view and light. A *cost* (Z, H, W) says how badly the views agree if a texel
-had each of Z heights. *Along* (n, 2) is the change of uv per unit of height on a ray. A *code* is a height in whole
-steps, as a file holds it.
+uv (n, 2) are places in [0, 1)², u to the right and v upwards, while rows of a picture count downwards. A *cost* (Z, H,
+W) says how badly the views agree if a texel had each of Z heights. *Along* (n, 2) is the change of uv per unit of
+height on a ray. A *code* is a height in whole steps, as a file holds it.
 """
 
 import itertools

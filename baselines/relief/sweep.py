@@ -10,10 +10,9 @@ compares views with one another mistakes a highlight, which moves with the view,
 surface points at a first height give principal components, and a second sweep looks for the height at which they
 explain most of a point's ABRDF. If much of the surface hides behind itself, the first height stays.
 
-V is a number of views, (V, 3) as unit vectors; L is that of lights, the same for each view. A *slice* is the picture of
-all texels at one view and light, here the *log radiance*, log1p(gain · radiance), as a mean over the channels: all are
-(V, L, H, W). A *height* (H, W) is in widths of the picture. The *surface point* of a texel lies at its height above it.
-An *ABRDF* is the radiance of a point at all views and lights.
+V is a number of views, (V, 3) as unit vectors; L is that of lights, the same for each view. Slices are here of log
+radiance, as a mean over the channels: all are (V, L, H, W). A *height* (H, W) is in widths of the picture. The *surface
+point* of a texel lies at its height above it.
 """
 
 from dataclasses import dataclass

@@ -11,7 +11,7 @@ Conventions, on which every docstring of the suite relies:
 - **Values.** Linear Rec. 709 RGB of f_r · cos θ_i: the radiance that leaves toward ω_o under a directional light
   of unit irradiance on a plane that faces it. Highlights are not clamped. `BTF.provenance` lists the reader's changes.
 
-A *pair* is one (ω_o, ω_i); a *slice* is the picture of one pair, (H, W, 3); an *ABRDF* is one texel at all pairs.
+docs/structure.md defines the words: pair, slice, ABRDF and others.
 """
 
 import hashlib

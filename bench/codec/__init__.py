@@ -1,8 +1,4 @@
-"""The interface of a codec: it encodes a BTF to named tensors, and decodes named tensors to a material.
-
-A BTF is a measured or rendered material: pictures for pairs of view and light. The *demand* of a scene says how often
-its pictures ask for each texel, view, light and footprint, the side of the square of texture that a pixel covers.
-"""
+"""The interface of a codec: it encodes a BTF to named tensors, and decodes named tensors to a material."""
 
 import dataclasses
 import math

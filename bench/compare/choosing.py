@@ -1,9 +1,8 @@
 """Chooses the best measured settings within limits, by validation pairs only, never by test pairs.
 
-A *rung* is a codec at some settings, with its cost and its score: the mean over validation slices of display PSNR.
-Validation pairs, of view and light, choose; test pairs are those that tables report. A choice of a trade is a codec
-file with an execution and a precision. `budgets` chooses among the jobs of a run; the choices of a trade, which
-`bench.runs.trade` measures, are rungs here. Imports nothing heavy, so an answer from stored measurements comes at once.
+The score of a rung is the mean over validation slices of display PSNR. A choice of a trade is a codec file with an
+execution and a precision. `budgets` chooses among the jobs of a run; the choices of a trade, which `bench.runs.trade`
+measures, are rungs here. Imports nothing heavy, so an answer from stored measurements comes at once.
 """
 
 import math

@@ -1,11 +1,10 @@
 """Compares two runs: finds what got worse by more than chance and by enough to matter.
 
-The base is the older run, or a reference that was kept of it; new is the run under test. A job is one fit of a codec to
-a material; its seed is the number of its repetition. A row is a material and a codec with its settings, whose jobs
-differ in the seed; its numbers are means over the seeds that both runs have, or over all seeds if they share none. A
-*deciding* number, such as PSNR, has a tolerance, and its change decides the verdict on the row; others are only shown.
-`bench.compare.verdicts` states the rules. Fits scatter independently, so the mean of several rows can show a loss that
-no single row can tell from chance. Imports neither PyTorch nor pandas.
+The base is the older run, or a reference that was kept of it; new is the run under test. The numbers of a row are means
+over the seeds that both runs have, or over all seeds if they share none. A *deciding* number, such as PSNR, has a
+tolerance, and its change decides the verdict on the row; others are only shown. `bench.compare.verdicts` states the
+rules. Fits scatter independently, so the mean of several rows can show a loss that no single row can tell from chance.
+Imports neither PyTorch nor pandas.
 """
 
 import json

@@ -1,7 +1,7 @@
 """A comparison as annotations of GitHub Actions and as JUnit XML; a run as input of github-action-benchmark.
 
-A comparison has a row for each material and codec with its settings. A row *forbids* if it stops the change under test:
-if its numbers got worse, or it is gone, failed or not comparable, and that was not allowed by name.
+A row *forbids* if it stops the change under test: if its numbers got worse, or it is gone, failed or not comparable,
+and that was not allowed by name.
 """
 
 import json

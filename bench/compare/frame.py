@@ -1,7 +1,7 @@
 """What was measured, as one pandas frame: a row a job, from which tables are made by choosing and grouping rows.
 
-A job is one codec with its settings on one material, fitted with one seed; failed ones have a row, too. Values are
-numbers, not rounded, with NaN where nothing was measured, and texts. Columns that name or judge the job come first:
+Failed jobs have a row, too. Values are numbers, not rounded, with NaN where nothing was measured, and texts. Columns
+that name or judge the job come first:
 
 - `material`, and `surface`, its kind: measured, path-traced, rendered, or what its data call it; "" if not known
 - `codec`, `recipe`, and `line`: the codec, or "neumip, as published" by the recipe of its paper

@@ -1,11 +1,10 @@
 """Computes the mean difference of two results, slice by slice at the same pairs, with a 95 % interval.
 
-All codecs find the same slices hard, so the difference slice by slice is known far better than either mean. A slice is
-all texels for one pair of view and light. A *cell* holds the differences of one material and one seed. For several
-materials the interval is Student's over their means, so it includes the scatter of materials, fits and pairs; it holds
-for materials like these. For one material the interval comes from a bootstrap, which draws seeds, then pairs of each
-seed, with replacement; seeds that are scored at the same pairs draw the same ones. It holds for that material only, and
-with one seed it lacks the scatter of fits.
+All codecs find the same slices hard, so the difference slice by slice is known far better than either mean. A *cell*
+holds the differences of one material and one seed. For several materials the interval is Student's over their means, so
+it includes the scatter of materials, fits and pairs; it holds for materials like these. For one material the interval
+comes from a bootstrap, which draws seeds, then pairs of each seed, with replacement; seeds that are scored at the same
+pairs draw the same ones. It holds for that material only, and with one seed it lacks the scatter of fits.
 """
 
 import base64

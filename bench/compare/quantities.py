@@ -1,9 +1,9 @@
 """Defines the numbers that a comparison reads from records: how to find and write each, which way is better.
 
-The record of a job is a dictionary of what was measured. It has scores of each group of pairs of view and light: of
-training pairs (`train`), of held-out pairs, and of parts of these, such as pairs with a grazing view. A group has for
-each metric a mean over its slices (`mean`) and a number of all texels together (`pooled`). A number is *exact* where
-there is no error at all, so that a PSNR is infinite. A *deciding* number has a tolerance, and can make a job worse.
+A record has scores of each group of pairs: of training pairs (`train`), of held-out pairs, and of parts of these, such
+as pairs with a grazing view. A group has for each metric a mean over its slices (`mean`) and a number of all texels
+together (`pooled`). A number is *exact* where there is no error at all, so that a PSNR is infinite. A *deciding* number
+has a tolerance, and can make a job worse.
 """
 
 import math

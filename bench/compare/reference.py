@@ -1,11 +1,10 @@
 """Writes the records of a run in a file small enough to commit: a reference, or the results beside a document.
 
-A run has a record, a dictionary, for each job: a fit of a codec with its settings to a material, with a seed. The jobs
-of a row differ in the seed alone. A *reference* holds what a comparison needs; the same records give the same bytes. It
-contains no folder, host or time, but the processor and the versions of packages, because a comparison notes when they
-differ. *Results* hold everything that tables show, and nothing of host names, timing samples, tracebacks and pictures.
-What a job would say twice, or repeat from other jobs of its start, they say once; `load_run` puts it back.
-Both hold the scores of slices, packed, so that paired intervals can be computed, and numbers of seven digits.
+A *reference* holds what a comparison needs; the same records give the same bytes. It contains no folder, host or time,
+but the processor and the versions of packages, because a comparison notes when they differ. *Results* hold everything
+that tables show, and nothing of host names, timing samples, tracebacks and pictures. What a job would say twice, or
+repeat from other jobs of its start, they say once; `load_run` puts it back. Both hold the scores of slices, packed, so
+that paired intervals can be computed, and numbers of seven digits.
 """
 
 import json

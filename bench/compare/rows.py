@@ -1,8 +1,8 @@
 """Compares one row: a material and a codec with its settings, in two runs.
 
-Its jobs differ in the seed alone. The base is the older run, new the one under test. A *quantity* is a number of a
-record, such as PSNR; a `Change` holds its means in both runs and the verdict.
-Decoding times are compared as multiples of `mean-colour` timed in the same run; they are shown and decide nothing.
+The base is the older run, new the one under test. A *quantity* is a number of a record, such as PSNR; a `Change` holds
+its means in both runs and the verdict. Decoding times are compared as multiples of `mean-colour` timed in the same run;
+they are shown and decide nothing.
 """
 
 from collections.abc import Sequence

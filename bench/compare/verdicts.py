@@ -1,7 +1,7 @@
 """Decides when a change is a regression, and when two records cannot be compared.
 
-A base, which is an older run or a reference, is compared with a new run, row by row: a row is a codec with its settings
-on a material, with a job for each seed. A *quantity* is a number of a job's record, such as PSNR.
+A base, which is an older run or a reference, is compared with a new run, row by row. A *quantity* is a number of a
+job's record, such as PSNR.
 
 A loss or a gain counts if it exceeds its *margin*, so is larger than chance and large enough to matter. If the seeds
 of a codec agree, its margin is a small tolerance. If they differ, it is max(tolerance, t · s · √(1/n + 1/m)): s is the

@@ -1,8 +1,6 @@
 """Opens a material of a suite, of whatever kind, as a BTF; or makes one of arrays in memory.
 
-Kinds are built in, a folder of PBR maps, or measured (`bench.data.kinds`); the first two are rendered. Held-out pairs
-are pairs that no codec trains on: *validation* pairs, by which settings are chosen, or *test* pairs, for tables of
-results.
+Kinds are built in, a folder of PBR maps, or measured (`bench.data.kinds`); the first two are rendered.
 """
 
 import logging

@@ -1,7 +1,6 @@
 """Computes the demand of a scene: the texels that it shows, with their footprints, directions and weights.
 
-A footprint is the side of the square of texture that a pixel covers. A codec fitted to a demand spends its bytes on
-what the scene's pictures show.
+A codec fitted to a demand spends its bytes on what the scene's pictures show.
 """
 
 from typing import TYPE_CHECKING

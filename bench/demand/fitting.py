@@ -1,8 +1,7 @@
 """Fits codecs to a scene: to the part of the BTF in its demand, weighted by the demand, at the smallest size.
 
-A *demand* holds the queries that the pictures of a scene make: texel, footprint, view, light and weight. A scene model
-is a codec file fitted to it, the full model one fitted to the whole BTF. Codecs need no code for this: they get a
-smaller BTF, and a `Fit` with a density, from which queries are drawn.
+A scene model is a codec file fitted to a demand, the full model one fitted to the whole BTF. Codecs need no code for
+this: they get a smaller BTF, and a `Fit` with a density, from which queries are drawn.
 """
 
 import dataclasses

@@ -1,9 +1,8 @@
 """Scores materials in a scene: compares frames of the decoded material with those of the reference table.
 
-A *demand* holds the queries that the frames of a scene make of a material; a frame is the sum of their answers by
-pixel. The reference table is the BTF. Its radiance is interpolated over directions as in
-`bench.directions.interpolation`, and over the texture in a pyramid of box filters: bilinear and periodic within the two
-levels around a footprint, linear between them.
+A frame is the sum of the answers to a demand by pixel. The reference table is the BTF. Its radiance is interpolated
+over directions as in `bench.directions.interpolation`, and over the texture in a pyramid of box filters: bilinear and
+periodic within the two levels around a footprint, linear between them.
 """
 
 import math

@@ -1,7 +1,6 @@
 """Finds the part of a BTF that a demand needs: a window of texels, no finer than visible, and the nearby pairs.
 
-A *demand* holds the queries of a scene's pictures: place on the texture, footprint, view, light, and a weight, whose
-share of all is the query's importance. Pairs are those of view and light that the BTF has measured.
+The importance of a query is its share of the weight of all. Pairs are those that the BTF has measured.
 
 Finds the pairs around each query of a demand, too, and the share of the demand on each pair.
 """

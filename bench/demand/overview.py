@@ -1,7 +1,7 @@
 """Summarises a demand in numbers, and draws it as one PNG.
 
-A demand holds the queries that the pictures of a scene make of a material. The *importance* of a query is its share of
-the light that a white diffuser in the material's place would send to the camera.
+The *importance* of a query is its share of the light that a white diffuser in the material's place would send to the
+camera.
 """
 
 import math

@@ -1,7 +1,6 @@
 """Renders still pictures of materials in a text scene, with the same rays and lights as its demand.
 
-A text scene is one surface, cameras and lights, read from TOML. Its demand are the queries that its pictures make of
-the material: place, footprint, view, light and weight.
+A text scene is one surface, cameras and lights, read from TOML.
 """
 
 import dataclasses

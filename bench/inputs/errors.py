@@ -1,8 +1,7 @@
 """Errors that a user can correct, "did you mean" suggestions, and exit codes.
 
 A message is one line: what is wrong, then after a colon the *remedy*, which is what the user can do about it. Names and
-values in it may come from files of others, so `visible` and `shown` make them harmless and short. A *job* is one fit of
-a run: a material, a codec, its settings and a seed.
+values in it may come from files of others, so `visible` and `shown` make them harmless and short.
 """
 
 import difflib

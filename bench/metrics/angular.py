@@ -1,8 +1,8 @@
 """Errors by direction: bins of view × light, grazing bands, polar maps. Numbers only, no drawing.
 
-A pair is a view with a light, and has one *raw* number of a metric, such as its squared error. To *pool* numbers is to
-make one of several, in the metric's unit: for PSNR the decibels of their mean. Angles are of the local frame of
-`bench.btf`; degrees, because these are tables.
+A pair has one *raw* number of a metric, such as its squared error. To *pool* numbers is to make one of several, in the
+metric's unit: for PSNR the decibels of their mean. Angles are of the local frame of `bench.btf`; degrees, because these
+are tables.
 """
 
 from collections.abc import Callable

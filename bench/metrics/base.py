@@ -1,6 +1,6 @@
 """The base class of slice metrics (a reference side, computed once, and a map of the difference), and what they see.
 
-A slice is the radiance of all texels for one view and one light: a picture. Several may be scored in a stack.
+Several slices may be scored in a stack.
 """
 
 from functools import cached_property

@@ -1,9 +1,7 @@
 """The meaning of a record's fields: which pairs decide, which numbers are alike.
 
-The record of a job is a dictionary of what was measured of one codec with its settings on one material, for one seed.
-Its *label* is codec and settings in words, such as `pca components=4`; jobs of a *row* have one material and label, and
-differ in the seed. Scores are of *groups* of pairs of view and light: `train`, `heldout`, `all` and parts of these. The
-*deciding* group is the one by whose scores codecs are compared.
+Scores are of *groups* of pairs: `train`, `heldout`, `all` and parts of these. The *deciding* group is the one by whose
+scores codecs are compared.
 """
 
 import json

@@ -37,10 +37,7 @@ def drawable(material: Material) -> tuple[Program, float]:
 
 
 def baked(material: Material, name: str, show: Progress = silent) -> BTF:
-    """The slices of a material at `BAKED` views × `BAKED` lights, for materials that cannot be a program.
-
-    A slice is the linear radiance (H, W, 3) of all texels for one view and one light.
-    """
+    """The slices of a material at `BAKED` views × `BAKED` lights, for materials that cannot be a program."""
     wo, wi = thinned_product(ubo2003(), BAKED, BAKED)  # each (BAKED², 3)
     pairs = followed(show, zip(wo.tolist(), wi.tolist(), strict=True), f"baking {name}", len(wo))
     slices = [material.slice(view, light).numpy() for view, light in pairs]

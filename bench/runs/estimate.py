@@ -1,7 +1,6 @@
 """Estimates how long the jobs of a run still take, from those that are done: by codec and by the steps of a fit.
 
-A job is the fit of one codec with its settings to one material, and its scoring. Its record holds what was measured. A
-record of an earlier run *holds* if code, settings and data are the same: then the job takes no time.
+A record of an earlier run *holds* if code, settings and data are the same: then the job takes no time.
 """
 
 import time

@@ -1,10 +1,9 @@
 """Scores one codec file against its material: figures go into the record, large arrays into files beside it.
 
-A pair is a view direction with a light direction; the slice of a pair is the radiance (H, W, 3) of all texels for it. A
-file is scored at the pairs `workbench.scored`, and apart from these at pairs of *low light*, lower than any that is
-fitted. *Deciding* pairs are those whose mean error ranks codecs: held-out pairs, which no fit has seen, or all pairs if
-none are held out. A *footprint* is the square of texels, 1, 2, 4 or 8 wide, that one query covers when a surface is
-seen from afar. *Between* texels, a few held-out pairs are scored half a texel off the texel centres.
+A file is scored at the pairs `workbench.scored`, and apart from these at pairs of *low light*, lower than any that is
+fitted. *Deciding* pairs are those whose mean error ranks codecs: held-out pairs, or all pairs if none are held out.
+Footprints are 1, 2, 4 and 8 texels wide. *Between* texels, a few held-out pairs are scored half a texel off the texel
+centres.
 """
 
 import dataclasses

@@ -1,8 +1,7 @@
 """Where jobs run: in this process, in worker processes of this machine, or on the workers of a Dask cluster.
 
-All three are a `concurrent.futures.Executor`; any other executor works too. A job is the fit of one codec to one
-material, and its scoring. Tasks, which say what a job is to do, and answers are plain data that this suite's own
-processes pickle for each other. Nothing is ever unpickled from a file.
+All three are a `concurrent.futures.Executor`; any other executor works too. Tasks, which say what a job is to do, and
+answers are plain data that this suite's own processes pickle for each other. Nothing is ever unpickled from a file.
 """
 
 import math

@@ -1,7 +1,6 @@
 """Runs one job in any process: opens its material, fits, writes the file, scores it, and returns a record.
 
-A job is one codec with its settings on one material, for one seed, which is a number of a repetition. A `Task` is what
-a worker gets of it. A record is a dictionary of what was measured; an *earlier* record is one of an earlier run.
+A `Task` is what a worker gets of a job; an *earlier* record is one of an earlier run.
 
 A job has two keys. The *fit key* names everything that the file depends on: see `Job.fit_key`. A job is not fitted
 again if a file with its fit key exists, and its header and the facts of its fit, written beside it, agree on key and

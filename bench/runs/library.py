@@ -1,7 +1,6 @@
 """Functions for scripts, most of them in `bench`: open a BTF, encode it, load the file, score it; see docs/api.md.
 
-The commands of `neubtf-bench` call the same code, so that a script measures the same as a run. A *demand* says which
-directions and footprints the frames of a scene ask for, and how often (`bench.demand`); a codec can be fitted to it.
+The commands of `neubtf-bench` call the same code, so that a script measures the same as a run.
 """
 
 import dataclasses

@@ -1,8 +1,7 @@
 """Runs a suite: hands its jobs to workers, records their answers, then times the decoders when nothing else runs.
 
-A job is one codec with its settings on one material, for one seed. A `Task` is what a worker gets of it, and an
-`Outcome` what it answers: the record of the job, a dictionary of what was measured. Only this process writes records,
-under the lock of the run's folder. `bench.runs.job` runs a job and decides whether it is done already;
+A `Task` is what a worker gets of a job, and an `Outcome` what it answers: the job's record. Only this process writes
+records, under the lock of the run's folder. `bench.runs.job` runs a job and decides whether it is done already;
 `bench.runs.executors` defines where it runs. Every run measures the timing again.
 """
 

@@ -1,10 +1,9 @@
 """Times every setting of a suite on one machine, in one run: tables then compare times of nothing else.
 
-A setting is a codec with the values of its settings, such as `pca components=4`. The floor is one bilinear fetch of a
-colour, which every codec must do at least; times are ratios to it. The time of a query depends on the settings and on
-what a file was found to need (`relief` needs a height on some surfaces), not on what was fitted. So each setting is
-fitted for one step, on few surfaces, and all of them take turns with the floor. Files of one setting with the same
-operations a query are one entry, over surfaces and rounds.
+A setting is a codec with the values of its settings, such as `pca components=4`. The time of a query depends on the
+settings and on what a file was found to need (`relief` needs a height on some surfaces), not on what was fitted. So
+each setting is fitted for one step, on few surfaces, and all of them take turns with the floor. Files of one setting
+with the same operations a query are one entry, over surfaces and rounds.
 """
 
 import dataclasses

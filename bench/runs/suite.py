@@ -13,9 +13,8 @@
     components = [8, 16]             # a list is a sweep: one job for each value
     materials = ["satin"]            # run it only on these of the suite's materials (default: all)
 
-A table `[[codecs]]` gives a `CodecSpec` for each combination of its lists; its *label* is codec and settings in words,
-such as `pca components=8`. docs/suites.md describes every key. The path of a material is tried as written, then under
-`$NEUBTF_DATA`; that of a demand only as written.
+A table `[[codecs]]` gives a `CodecSpec` for each combination of its lists. docs/suites.md describes every key. The path
+of a material is tried as written, then under `$NEUBTF_DATA`; that of a demand only as written.
 """
 
 import dataclasses

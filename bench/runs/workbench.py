@@ -1,9 +1,4 @@
-"""Opens a material of a run once per process, and holds what its jobs share: split, exposure, scorer.
-
-The split divides the pairs of view and light into training pairs, validation pairs, by which settings are chosen, and
-held-out pairs, which are reported. The exposure brings radiance into the range of a display. A *demand* says how often
-the frames of a scene ask for each pair.
-"""
+"""Opens a material of a run once per process, and holds what its jobs share: split, exposure, scorer."""
 
 import logging
 import threading

@@ -1,8 +1,8 @@
 """Fits learned codecs: the objective of a fit, and one training loop for every network.
 
-Networks predict *log radiance*, log1p(gain · radiance), at texels and at pairs of view and light. A `Fit` is what the
-caller gives to every codec: device, seed, threads, file of the state, and where the curve and the progress go. The
-curve is measured on the *probe*, random samples that are drawn once.
+Networks predict log radiance at texels and pairs. A `Fit` is what the caller gives to every codec: device, seed,
+threads, file of the state, and where the curve and the progress go. The curve is measured on the *probe*, random
+samples that are drawn once.
 
 The loop has a curve of PSNR over steps and seconds, a state on disk to resume from, and a guard against divergence. The
 same seed, machine, versions and threads give the same parameters, whether or not the fit was interrupted.

@@ -1,9 +1,8 @@
 """A neural texture on up to three grids: channels at full, half and quarter resolution, fetched at one place.
 
-Grid points hold *latents*, numbers that a fit finds and a network reads. A channel at a quarter takes a sixteenth of
-the bits of one at full resolution, and many channels of a surface change slowly. A look-up may also be moved along the
-view, by a depth that a small network finds: where a texel blurs a relief over the places at which views see it, this
-sharpens it, without a height.
+Grid points hold latents. A channel at a quarter takes a sixteenth of the bits of one at full resolution, and many
+channels of a surface change slowly. A look-up may also be moved along the view, by a depth that a small network finds:
+where a texel blurs a relief over the places at which views see it, this sharpens it, without a height.
 """
 
 import math

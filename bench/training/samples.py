@@ -1,7 +1,7 @@
 """Seeded random samples of a BTF, as log radiance, and its gain.
 
-A pair is one of view and light; a sample is the radiance of one texel at one pair. In a fit to a scene, samples follow
-a `Density`: what the pictures of the scene ask of texels and directions, and how often.
+A sample is the radiance of one texel at one pair. In a fit to a scene, samples follow a `Density`: what the pictures of
+the scene ask of texels and directions, and how often.
 """
 
 from collections.abc import Iterable

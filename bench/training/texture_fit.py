@@ -1,7 +1,6 @@
 """Common parts of a neural texture and a network: the settings of their fit, a step, the file, and the material.
 
-A neural texture holds latents for each texel, numbers that the fit finds; the network turns them and two directions
-into log radiance, log1p(gain · radiance). An objective holds what is fitted, and computes the loss of a step.
+The network turns latents and two directions into log radiance.
 """
 
 from collections.abc import Callable

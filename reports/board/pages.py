@@ -1,11 +1,9 @@
 """The pages of a board: the front, one for each material and one for each codec.
 
-A *source* is a `Publication`: the records of one file, archive or run. A *row* is one job: a codec with its settings
-on one material, fitted with one seed. A *place* of a codec is a comparison with the best of the others, on a material
-of a source. The *kind* of a material's truth is `measured`, `rendered` and the like. A *strip* is a row of pictures:
-the truth and some codecs' answers at one pair of view and light. A *recipe* is how a codec is fitted: `ours`, or
-`paper` as published. Texts reach a page through templates in `reports/templates/`, which also call the methods of
-`MaterialPage`.
+A *source* is a `Publication`: the records of one file, archive or run. A *place* of a codec is a comparison with the
+best of the others, on a material of a source. The *kind* of a material's truth is `measured`, `rendered` and the like.
+A *strip* is a row of pictures: the truth and some codecs' answers at one pair. Texts reach a page through templates in
+`reports/templates/`, which also call the methods of `MaterialPage`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

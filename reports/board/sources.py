@@ -1,7 +1,6 @@
 """What a board is made of: files of records, archives and runs at hand, and which pictures may be published.
 
-The *record* of a *job* (a codec with its settings on one material, fitted with one seed) is its result, as a dict. A
-file of records has no other files beside it. A run *at hand* is a folder of this machine, which also stores a job's
+A file of records has no other files beside it. A run *at hand* is a folder of this machine, which also stores a job's
 *artefacts*: pictures, arrays and the codec file, whose paths stand in fields of the job. Results are *claimed* if only
 those who handed them in have scored them, and *verified* if they were handed in and scored anew here. The *provenance*
 of a job says how its material was made, and whether its pictures are free.

@@ -1,9 +1,7 @@
 """The tables of a board that a run's page does not have: where rows come from, and where a codec stands.
 
-A *source* is a `Publication`: the records of one file, archive or run. A *row* is one job: a codec with its settings
-on one material, fitted with one seed. A *surface* is a material. A *line* is a codec, or a codec as published; a *rung*
-is one setting of it that was measured, of which validation pairs choose one for each *budget*, such as 32 bits a texel.
-A slice is *exact* if it has no error. A codec's *place* is one comparison: its best entry against that of the others.
+A *source* is a `Publication`: the records of one file, archive or run. Validation pairs choose a rung of each line for
+each *budget*, such as 32 bits a texel. A codec's *place* is one comparison: its best entry against that of the others.
 """
 
 import math

@@ -1,7 +1,6 @@
 """Figures of a run. Each kind is a function from a run to `Figure`s, listed in `ALL`.
 
-A *run* is the records of many measured codecs on some materials, with the arrays and pictures stored beside them. A
-kind makes no figure where the run lacks what it shows.
+A kind makes no figure where the run lacks what it shows.
 """
 
 from collections.abc import Callable, Iterator

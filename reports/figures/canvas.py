@@ -1,8 +1,7 @@
 """Common parts of all figures: file name, style, axes, PNG, SVG and PDF output.
 
 A `Figure` is what the project calls a figure: a PNG with its name. A *drawing* is the figure of Matplotlib, of which
-the PNG is made. A `Sheet` is a drawing made of pictures, placed by pixels. A *label* is a codec with its settings, such
-as `pca components=8`.
+the PNG is made. A `Sheet` is a drawing made of pictures, placed by pixels.
 """
 
 import hashlib

@@ -1,9 +1,8 @@
 """Contact sheets: a few slices, true and decoded, beside their FLIP maps; a strip of one slice by a few codecs.
 
-A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A run stores a few slices
-of each job as the artefact `pictures`: `truth`, `decoded` and `flip` (slices, height, width, 3), all uint8, their
-`pairs` (indices of pairs of the BTF), `wo_deg` and `wi_deg` (θ and φ of view and light in degrees). Its artefact
-`slices` has the scores of all pairs. A FLIP map shows the difference that an eye sees, from 0 to 1.
+A run stores a few slices of each job as the artefact `pictures`: `truth`, `decoded` and `flip` (slices, height, width,
+3), all uint8, their `pairs` (indices of pairs of the BTF), `wo_deg` and `wi_deg` (θ and φ of view and light in
+degrees). Its artefact `slices` has the scores of all pairs.
 """
 
 import math

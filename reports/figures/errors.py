@@ -1,10 +1,9 @@
 """Maps of a codec's error, of each texel's ABRDF and over the hemispheres of views and of lights; quality by angle.
 
-A texel's *ABRDF* is its radiance at all *pairs* of view and light. A run stores the numbers as artefacts of each job:
-`slices` has the mean squared error of each pair's slice (by the name of PSNR), `wo_deg` and `wi_deg` (pairs, 2) with θ
-and φ of view and light in degrees, the mask `heldout` of pairs that no fit saw, and `abrdf` (height, width), the error
-of each texel over all pairs. `angular` has mean scores over cells of both hemispheres. The pairs that *decide* the
-place of a codec in tables are those held out or, if none are, all.
+A run stores the numbers as artefacts of each job: `slices` has the mean squared error of each pair's slice (by the name
+of PSNR), `wo_deg` and `wi_deg` (pairs, 2) with θ and φ of view and light in degrees, the mask `heldout` of pairs that
+no fit saw, and `abrdf` (height, width), the error of each texel over all pairs. `angular` has mean scores over cells of
+both hemispheres. The pairs that *decide* the place of a codec in tables are those held out or, if none are, all.
 """
 
 import math

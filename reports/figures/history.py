@@ -1,9 +1,7 @@
 """Quality, bytes and time of each codec over the revisions of several runs: one figure a material.
 
 A *start* is one call of the command that measures, at one *revision* of the code (of git); it is named after its time,
-`20251123T093106`, and a run may have several. A *job* is a codec with its settings (its *label*) on one material,
-fitted with one seed. *Held-out* pairs of view and light are seen by no fit: those of *validation* choose settings,
-those of *test* are for results. A time is given as a multiple of the *floor*, that of one bilinear colour fetch.
+`20251123T093106`, and a run may have several. Times are multiples of the floor.
 """
 
 import math

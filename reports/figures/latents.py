@@ -1,8 +1,8 @@
 """The channels of each codec's texture, as pictures of the texels.
 
-A decoder looks up learned numbers, the *channels*, at each texel. They are found in a job's *program*: its decoded
-material as a list of plain operations, the *steps*, on arrays of constants. Where a program looks up coarser levels of
-a texture as well, the levels are a *pyramid*: each halves both sides of the one before.
+A decoder looks up learned numbers, the *channels*, at each texel. They are found in the *steps* of a job's program.
+Where a program looks up coarser levels of a texture as well, the levels are a *pyramid*: each halves both sides of the
+one before.
 """
 
 import math

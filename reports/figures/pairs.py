@@ -1,10 +1,9 @@
 """A figure of chosen pairs for a paper: the truth and decoded slices with magnified insets, and FLIP maps below.
 
-A *pair* is a view and a light direction of the BTF, known by its index; a *slice* is the picture of all texels at a
-pair. A run stores the slices of a few pairs of each job as the artefact `pictures`: `truth`, `decoded` and `flip`
-(slices, height, width, 3), uint8, `pairs`, the angles `wo_deg` and `wi_deg` (θ, φ), and the mask `sheet` of those on
-the contact sheet. The *place* of a slice is its index in these arrays. A FLIP map shows the difference that an eye
-sees. An *inset* is a square of texels that is shown again, magnified.
+A pair is known by its index. A run stores the slices of a few pairs of each job as the artefact `pictures`: `truth`,
+`decoded` and `flip` (slices, height, width, 3), uint8, `pairs`, the angles `wo_deg` and `wi_deg` (θ, φ), and the mask
+`sheet` of those on the contact sheet. The *place* of a slice is its index in these arrays. An *inset* is a square of
+texels that is shown again, magnified.
 """
 
 import math

@@ -1,10 +1,8 @@
 """Which codecs are told apart: paired differences to one of them, slice by slice, and mean ranks over surfaces.
 
-A *slice* is one picture of a material: all texels at one pair of view and light. The *difference* of two codecs is that
-of their PSNR in dB on the same slices, as a mean with a 95 % interval. Two codecs are *told apart* if equal ones would
-hardly differ as much; that is said only of `FEWEST` materials or more. A *surface* is a material. A *line* is a codec,
-or a codec as published. Its *rank* on a surface is its place by what it reaches within a budget of bytes, see
-`reports.rungs`.
+The *difference* of two codecs is that of their PSNR in dB on the same slices, as a mean with a 95 % interval. Two
+codecs are *told apart* if equal ones would hardly differ as much; that is said only of `FEWEST` materials or more. The
+*rank* of a line on a surface is its place by what it reaches within a budget of bytes, see `reports.rungs`.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,6 +1,6 @@
 """Programs of decoded materials as shaders: GLSL, HLSL and WGSL from one generator.
 
-A *program* is a decoded material as a list of plain operations on constants (`bench.program`). Its shader is one
-function, `material(uv, wo, wi, footprint)`, which returns RGB, and two textures with the constants that it looks up.
-`generator` makes it with the statements of `writer` in the spelling of `dialects`; `export` writes it for a renderer.
+Its shader is one function, `material(uv, wo, wi, footprint)`, which returns RGB, and two textures with the constants
+that it looks up. `generator` makes it with the statements of `writer` in the spelling of `dialects`; `export` writes it
+for a renderer.
 """

@@ -1,7 +1,7 @@
 """Writes a material as a shader for a renderer: the function, its two textures, and a page of conventions.
 
-A *program* is a decoded material as a list of plain operations. The texture `exact` holds 32-bit floats, `half` 16-bit
-ones; both are pictures of RGBA whose texels the function reads by number.
+The texture `exact` holds 32-bit floats, `half` 16-bit ones; both are pictures of RGBA whose texels the function reads
+by number.
 """
 
 from importlib.metadata import version

@@ -5,9 +5,8 @@ cat, slice, transpose, broadcast); arithmetic is written out, four floats a stat
 number become rows of a texture. Matrices become literals, which compile and run fastest; with more than `LITERALS`
 weights in all they are read from the texture. For compilers that cannot handle literals there is a uniform buffer.
 
-A *program* is a decoded material as a list of operations (`steps`) on named constants; a *query* is the place uv, the
-directions wo and wi and the footprint of one answer. A *scalar* is a number, or a text that the shader computes. The
-*weights* are the floats of the constant matrices by which a program multiplies.
+A *query* is the place uv, the directions wo and wi and the footprint of one answer. A *scalar* is a number, or a text
+that the shader computes. The *weights* are the floats of the constant matrices by which a program multiplies.
 """
 
 from dataclasses import dataclass

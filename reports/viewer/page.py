@@ -1,8 +1,7 @@
 """Writes the page of live materials: one HTML file that holds shaders, textures and the code that draws them.
 
-A *live* material is drawn in the browser with WebGL 2, under lights that a reader moves. Its *program* is the decoded
-material as a list of plain operations; its *shader* is a function in GLSL with two textures, made from the program. A
-*model* is such a material as the page holds it.
+A *live* material is drawn in the browser with WebGL 2, under lights that a reader moves. Its *shader* is a function in
+GLSL with two textures, made from its program. A *model* is such a material as the page holds it.
 """
 
 import base64

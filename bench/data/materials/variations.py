@@ -4,8 +4,7 @@ Half are the built-in recipes that are procedural (satin, brushed metal, leather
 at random; the photographs (brick, gravel, grass) are left out, because another colour would not change their relief.
 The other half are patchworks: two substances over a random relief. Number n is the same surface everywhere.
 
-A *shared network* is trained once for all materials. A *recipe* is a class of parameters that makes a material's maps;
-heights are in units of the tile's width.
+A *recipe* is a class of parameters that makes a material's maps; heights are in units of the tile's width.
 """
 
 from collections.abc import Callable
