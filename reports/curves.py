@@ -53,9 +53,10 @@ def _differences(rungs: Rungs) -> _Parts:
     values = of_leads({line: rungs.lead(line) for line in lines})
     for kind, surfaces in rungs.kinds.items():
         of_kind = of_leads({line: rungs.lead(line, surfaces) for line in values.index})
-        whole = of_kind[of_kind["surfaces"] == len(surfaces)]  # a median over fewer surfaces would not compare
-        values[kind] = whole["median"].reindex(values.index)
-        values[f"{kind} interval"] = whole.apply(interval_cell, axis=1).reindex(values.index, fill_value="")
+        of_kind = of_kind[of_kind["surfaces"] == len(surfaces)]  # a median over fewer surfaces would not compare
+        intervals = {line: interval_cell(row) for line, row in of_kind.to_dict("index").items()}
+        values[kind] = of_kind["median"].reindex(values.index)
+        values[f"{kind} interval"] = [intervals.get(line, "") for line in values.index]
     values["rate"] = [100 * _median_rate(rungs, line) for line in values.index]
     values = values.sort_values("median", ascending=False, kind="stable")
     told = f"None is told apart: that takes {LEAST_SURFACES} surfaces."
@@ -122,12 +123,11 @@ def _three_metrics(rungs: Rungs) -> _Parts:
         values[f"{metric.field} place"] = values[metric.field].rank(ascending=metric.field == "flip", method="first")
     values = values.sort_values("psnr", ascending=False, kind="stable")
     columns = [
-        Column("PSNR", "dB ↑", "psnr", better="none", write=_with_place("psnr", 1)),
-        Column("SSIM", "↑", "ssim", better="none", write=_with_place("ssim", 3)),
-        Column("FLIP", "↓", "flip", better="none", write=_with_place("flip", 3)),
+        Column("PSNR", "dB ↑", "psnr", ranked=False, write=_with_place("psnr", 1)),
+        Column("SSIM", "↑", "ssim", ranked=False, write=_with_place("ssim", 3)),
+        Column("FLIP", "↓", "flip", ranked=False, write=_with_place("flip", 3)),
     ]
-    where = f"at {ENOUGH.most} bits a texel on {len(rungs.surfaces)} surfaces"
-    return f"Curves {where}: three metrics, and the place by each", values, columns, []
+    return f"Curves {_where(rungs)}: three metrics, and the place by each", values, columns, []
 
 
 def _with_place(field: str, digits: int) -> Callable[[Row], str]:
@@ -143,8 +143,13 @@ def _footprints(rungs: Rungs) -> _Parts:
     note = (
         "Footprint: texels a side of a pixel. The truth is averaged over it; a codec without levels of detail aliases."
     )
-    where = f"at {ENOUGH.most} bits a texel on {len(rungs.surfaces)} surfaces"
-    return f"Curves {where}: PSNR by footprint", values, columns, [note]
+    return f"Curves {_where(rungs)}: PSNR by footprint", values, columns, [note]
+
+
+def _where(rungs: Rungs) -> str:
+    """The size and the number of surfaces, in words."""
+    count = len(rungs.surfaces)
+    return f"at {ENOUGH.most} bits a texel on {count} surface{'s' * (count > 1)}"
 
 
 def _in_memory(rungs: Rungs) -> _Parts:

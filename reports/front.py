@@ -71,9 +71,8 @@ def front_table(run: Run) -> Iterator[Table]:
         leader = rungs.absent_leader(ENOUGH, surfaces)
         if leader:
             absent.setdefault(leader, []).append(kind)
-        better = "none" if leader else ""
         name = f"{kind}, {len(surfaces)}"
-        columns.append(Column(name, "dB ↑", kind, better=better, before=("≥", f"{kind} bound")))
+        columns.append(Column(name, "dB ↑", kind, ranked=not leader, before=("≥", f"{kind} bound")))
     columns += [
         Column("pooled", "dB ↑", "pooled"),
         Column("lead", "dB ↑", "median", signed=True, write=lead_cell),
@@ -94,11 +93,10 @@ def front_table(run: Run) -> Iterator[Table]:
 def _front_values(rungs: Rungs) -> pd.DataFrame:
     """A row a line, the largest lead first: medians over the surfaces of each kind, leads, and time; empty without."""
     readings = {kind: rungs.readings(ENOUGH, surfaces) for kind, surfaces in rungs.kinds.items()}
-    lines = list(dict.fromkeys(line for found in readings.values() for line in found.index))
+    # A line whose curves all end below this size has dashes for PSNR, but may have a lead at fewer bytes.
+    lines = list(dict.fromkeys([*(line for found in readings.values() for line in found.index), *rungs.hulls]))
     if not lines:
         return pd.DataFrame()
-    # A line whose curves all end below this size has dashes for PSNR, but may have a lead at fewer bytes.
-    lines += [line for line in rungs.hulls if line not in lines]
     values = pd.DataFrame({"codec": lines, "stale": stale_of(rungs, lines)}, index=lines)
     for kind, found in readings.items():
         values[kind] = found["value"]
@@ -106,7 +104,7 @@ def _front_values(rungs: Rungs) -> pd.DataFrame:
     values["pooled"] = median_over(rungs.read(ENOUGH.most, "pooled"))
     values = values.join(of_leads({line: rungs.lead(line) for line in lines}))
     values["single"] = [line not in rungs.hulls for line in lines]
-    values["time"] = rungs.read(ENOUGH.most, EAGER).median(axis=1)  # of those timed
+    values["time"] = median_over(rungs.read(ENOUGH.most, EAGER))
     values["order"] = values["median"].mask(values.index == AGAINST, 0.0)  # which has no lead over itself
     return values.sort_values("order", ascending=False, kind="stable")
 
@@ -176,7 +174,7 @@ def _of_surfaces(
     title = f"Budgets on {counted} ({', '.join(surfaces)}): test PSNR, dB"
     notes = []
     if values.filter(like=" apart").any(axis=None):
-        notes.append(f"*: told apart from {AGAINST}, by Holm's correction over the column.")
+        notes.append(f"*: told apart from {AGAINST} in the mean, by Holm's correction over the column.")
     if outdone:
         notes.append("No best is marked at a size where a codec whose curves end before has more dB at a smaller one.")
     for leader, names in absent.items():
@@ -205,7 +203,7 @@ def rung_tables(run: Run) -> Iterator[Table]:
     rungs = rungs_of(run)
     surfaces = list(rungs.surfaces)
     if len(surfaces) > 1:
-        columns = [CODEC, Column("on", "surfaces", "surfaces"), Column("rungs", "", "rungs", 0, better="none")]
+        columns = [CODEC, Column("on", "surfaces", "surfaces"), Column("rungs", "", "rungs", 0, ranked=False)]
         columns += [Column("bits a texel", "medians", "bits"), Column("seeds", "of each", "seeds")]
         note = "A codec has one row if it has the same rungs, with as many seeds, on each surface that it has."
         yield written("rungs", "Ladders: what was measured of each codec", _ladders(rungs), columns, [note], words=2)
@@ -343,7 +341,7 @@ class _Question(NamedTuple):
     words: str
     medians: "pd.Series[float]"
     metric: Column
-    absent_leader: str = ""
+    absent: str = ""
 
 
 def _questions(rungs: Rungs) -> Iterator[_Question]:
@@ -359,14 +357,16 @@ def _questions(rungs: Rungs) -> Iterator[_Question]:
     best = max((medians.max() for medians in of_bytes.values() if len(medians)), default=0.0)
     for budget, medians in of_bytes.items():  # the smallest first
         near = medians[medians >= best - NEAR_DB]
-        if len(near):
+        if len(near) and not rungs.absent_leader(budget, surfaces, to_end=True):
             yield _Question(f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(budget)}", near, psnr)
             break
     if len(surfaces) > 1:  # on one surface this was asked above
         for material in surfaces:
             yield _Question(f"best on {material} in {enough}", rungs.ranked(ENOUGH, [material]), psnr)
+    absent = rungs.absent_leader(ENOUGH, surfaces, to_end=True)
     for metric in others if surfaces else []:
-        yield _Question(f"best {metric.name} in {enough}", rungs.ranked(ENOUGH, surfaces, metric.field), metric)
+        ranking = rungs.ranked(ENOUGH, surfaces, metric.field)
+        yield _Question(f"best {metric.name} in {enough}", ranking, metric, absent)
 
 
 def mean_ranks(rungs: Rungs) -> Ranks | None:
@@ -390,7 +390,7 @@ def ranks_table(run: Run) -> Iterator[Table]:
     values = pd.DataFrame(rows)
     values["stale"] = stale_of(rungs, values["codec"])
     # Nothing is marked: ranks are read by their critical difference.
-    columns = [CODEC, Column("mean rank", "↓", "rank", 2, better="none"), Column("not told apart from", "", "near")]
+    columns = [CODEC, Column("mean rank", "↓", "rank", 2, ranked=False), Column("not told apart from", "", "near")]
     title = f"Mean ranks over {len(rungs.surfaces)} surfaces at {in_words(ENOUGH)}"
     note = f"Nemenyi's critical difference: {ranking.critical:.2f}."
     yield written("ranks", title, values, columns, [note, _WITHIN])

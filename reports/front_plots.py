@@ -14,8 +14,8 @@ from reports.rungs import BITS, EAGER, TIMES, Rungs, median_over, rungs_of
 from reports.series import Plot, Series
 
 FAR_DB = 8.0  # lines so far below the best at every size of a curve are left out: they would press others together
-_STEPS = 8  # points of a drawn curve from one budget of bytes to the next
-_SIZES = [BITS[0] * 2 ** (step / _STEPS) for step in range(_STEPS * (len(BITS) - 1) + 1)]  # bits a texel
+_POINTS = 8  # points of a drawn curve from one budget of bytes to the next
+_SIZES = [BITS[0] * 2 ** (point / _POINTS) for point in range(_POINTS * (len(BITS) - 1) + 1)]  # bits a texel
 
 _Curves = dict[str, dict[float, float]]  # by line, PSNR in dB by cost
 

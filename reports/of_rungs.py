@@ -20,7 +20,7 @@ CAP = f"A slice counts at most {MOST_DB} dB, an error of one step of an 8-bit di
 READ = (
     f"At a size: read off the curve of the rungs that validation pairs choose, test pairs (docs/metrics.md, “Curves”). "
     f"{NONE}: a curve does not reach that size on each surface. ≥: fewer than three rungs, the best within that size. "
-    f"A slice counts at most {MOST_DB} dB, an error of one step of an 8-bit display."
+    f"{CAP}"
 )
 
 

@@ -253,9 +253,9 @@ def ablation_table(run: Run) -> Table | None:
     columns = [Column("codec", "", "codec"), Column("change", "", "change")]
     columns += [Column("decoder", "param.", "parameters", 0), Column("a sample", "FLOP", "flops", 0)]
     for material in materials:
-        columns.append(Column(material, "dB ↑", f"{material} psnr", 2, better="none"))
+        columns.append(Column(material, "dB ↑", f"{material} psnr", 2, ranked=False))
         columns.append(Column("against as it is", "dB", f"{material} gain", 2, signed=True, write=_gain(material)))
-        columns.append(Column(material, "SSIM ↑", f"{material} ssim", 3, better="none"))
+        columns.append(Column(material, "SSIM ↑", f"{material} ssim", 3, ranked=False))
     notes = [
         "dB: mean display PSNR of validation pairs; no test pair is among them.",
         Note(("FLOP: of the decoder's network.", lambda name: name == "a sample")),  # of that column alone
@@ -278,7 +278,8 @@ def ablation_table(run: Run) -> Table | None:
         row |= {"parameters": job["parameters"], "flops": job["cost"].get("flops_per_sample", nan)}
         row["stale"] = stale.of(each["job"] for each in of_label)
         for material in materials:
-            row[f"{material} psnr"] = psnr = _mean(jobs, material, label, PSNR)
+            psnr = _mean(jobs, material, label, PSNR)
+            row[f"{material} psnr"] = psnr
             row[f"{material} ssim"] = _mean(jobs, material, label, SSIM)
             is_changed = label != unchanged_label  # that of the codec as it is would be 0
             row[f"{material} gain"] = psnr - _mean(jobs, material, unchanged_label, PSNR) if is_changed else nan

@@ -98,9 +98,9 @@ class Rungs:
     """The rungs of a run and its curves; `without` and `unlike` are the jobs that are left out.
 
     `frame` has a row a rung, numbered from 0: `line`, its `codec`, `label`, `setting`, `material`, `job` (of its first
-    seed), `bits` a texel and means over seeds: `total` bytes and those in memory, `resident`; `validation` PSNR, scores
-    at test pairs `psnr`, `pooled`, `ssim`, `flip`, PSNR by footprint `1` to `8`, times `eager`, `fused` and `fit`; and
-    `seeds`, the PSNR of each.
+    seed), `height` and `width` in texels, `bits` a texel and means over seeds: `total` bytes and those in memory,
+    `resident`; `validation` PSNR, scores at test pairs `psnr`, `pooled`, `ssim`, `flip`, PSNR by footprint `1` to `8`,
+    times `eager`, `fused` and `fit`; and `seeds`, the PSNR of each.
     """
 
     frame: pd.DataFrame
@@ -260,19 +260,20 @@ class Rungs:
         return found.sort_values("value", ascending=False, kind="stable")
 
     def absent_leader(self, budget: Budget, surfaces: Sequence[str], to_end: bool = False) -> str:
-        """A line whose curves reach a size on some of the surfaces alone, but is ahead of the best of those that reach
-        it on all, in the median over the surfaces that it has; "" if there is none. `to_end`: as for `read`.
+        """A line whose curves reach a size on some of the surfaces alone, but is ahead of the best of those that have a
+        value on all, in the median over the surfaces that it has; "" if there is none. `to_end`: as for `read`.
         """
         if budget.kind != BYTES or not surfaces:
             return ""
         read = self.read(budget.most, to_end=to_end)[[*surfaces]]
-        middle = median_over(read).dropna()
-        if not len(middle):
+        rungs = self.of_picks(self.picks(budget, surfaces)).dropna()  # of lines without curves, too
+        whole = pd.concat([read.dropna(), rungs[~rungs.index.isin(read.index)]])
+        if whole.empty:
             return ""
-        best = read.loc[str(middle.idxmax())]
-        for line in read.index.difference(middle.index, sort=False):
-            gaps = read.loc[line].sub(best).dropna()
-            if len(gaps) and gaps.median() > 0:
+        best = whole.loc[str(median_over(whole).idxmax())]
+        for line in read.index.difference(whole.index, sort=False):
+            gaps = (read.loc[str(line)] - best).dropna().to_numpy(float)
+            if len(gaps) and np.median(gaps) > 0:
                 return str(line)
         return ""
 
@@ -391,7 +392,8 @@ def rungs_of(run: Run) -> Rungs:
     scored = {job["job"]: job for job in done if has_validation(job)}
     without = [job for job in done if job["job"] not in scored]
     if not scored:
-        names = ["line", "codec", "label", "setting", "material", "job", "bits", *_COSTS, *_SCORES, "seeds"]
+        names = ["line", "codec", "label", "setting", "material", "job", "height", "width", "bits"]
+        names += [*_COSTS, *_SCORES, "seeds"]
         return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, {}, without, [])
     frame = frame_of(replace(run, jobs=Records(scored)), records=False)
     unlike = [scored[name] for name in frame.loc[frame["why"] != "", "job"]]

@@ -50,11 +50,11 @@ def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
     if not timings:
         return
     timings.sort(key=lambda timing: float(timing["ratio_to_floor"]))
-    columns = [Column("setting", "", "label"), Column("a query", "× floor ↓", "ratio_to_floor", -3, better="none")]
+    columns = [Column("setting", "", "label"), Column("a query", "× floor ↓", "ratio_to_floor", -3, ranked=False)]
     columns += [Column("rounds", "× floor", "least", -3, beside="most", pair=" to {}")]
-    columns += [Column("between texels", "× floor ↓", "ratio_between_texels", -3, better="none")]
+    columns += [Column("between texels", "× floor ↓", "ratio_between_texels", -3, ranked=False)]
     columns += [
-        Column("a sample", "ns ↓", "ns_per_sample", -3, better="none"),
+        Column("a sample", "ns ↓", "ns_per_sample", -3, ranked=False),
         Column("operations", "a query", "flops", 0),
     ]
     values = pd.DataFrame([_row(timing) for timing in timings])
@@ -142,7 +142,7 @@ def _batches(timings: list[Timing]) -> Iterator[Table]:
     if not rows:
         return
     columns = [Column("setting", "", "setting"), Column("execution", "", "execution")]
-    columns += [Column(f"{batch:,}", "ns ↓", f"{batch:,}", -3, better="none") for batch in batches]
+    columns += [Column(f"{batch:,}", "ns ↓", f"{batch:,}", -3, ranked=False) for batch in batches]
     title = "Batches: ns a sample in float32, by the samples of a query"
     yield written("times", title, pd.DataFrame(rows), columns, [], words=2)
 
@@ -155,7 +155,7 @@ def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
     timings.sort(key=lambda timing: float(timing["ns_per_sample"]))
     # Here a "sample" is one step.
     rows = [{"setting": timing["label"], "milliseconds": timing["ns_per_sample"] / 1e6} for timing in timings]
-    columns = [Column("setting", "", "setting"), Column("a step", "ms ↓", "milliseconds", -3, better="none")]
+    columns = [Column("setting", "", "setting"), Column("a step", "ms ↓", "milliseconds", -3, ranked=False)]
     place = timed_on(timings[0], _processor(run, timings[0]))
     yield written("times", f"Steps of fits: {place}", pd.DataFrame(rows), columns, [])
 

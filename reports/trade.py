@@ -52,11 +52,11 @@ def choices_csv(run: Run) -> str:
 
 _COLUMNS = [
     Column("choice", "", "codec"),
-    Column("PSNR", "dB ↑", "psnr", 2, better="none"),
-    Column("worst", "slice, dB ↑", "worst", 2, better="none"),
-    Column("FLIP", "↓", "flip", 3, better="none"),
-    Column("total", "bytes ↓", "bytes", 0, better="none"),
-    Column("time", "ns ↓", "ns_per_sample", -3, better="none"),
+    Column("PSNR", "dB ↑", "psnr", 2, ranked=False),
+    Column("worst", "slice, dB ↑", "worst", 2, ranked=False),
+    Column("FLIP", "↓", "flip", 3, ranked=False),
+    Column("total", "bytes ↓", "bytes", 0, ranked=False),
+    Column("time", "ns ↓", "ns_per_sample", -3, ranked=False),
     Column("time", "× floor", "ratio_to_floor", -3),
     Column("95 % interval", "× floor", "low", -3, beside="high", pair=" to {}"),
     Column("of the", "limit, %", "of limit", 1, after=(" *", "above limit")),
@@ -65,11 +65,12 @@ _COLUMNS = [
 # Only where noise was measured: samples to equal noise, then seconds to equal error, each for light directions by the
 # cosine and from lobes.
 _NOISE = [
-    Column("1 % noise", "samples, cosine ↓", "samples, cosine", -3, better="none"),
-    Column("1 % noise", "samples, lobes ↓", "samples, lobes", -3, better="none"),
-    Column("equal error", "s, cosine ↓", "seconds, cosine", -3, better="none"),
-    Column("equal error", "s, lobes ↓", "seconds, lobes", -3, better="none"),
+    Column("1 % noise", "samples, cosine ↓", "samples, cosine", -3, ranked=False),
+    Column("1 % noise", "samples, lobes ↓", "samples, lobes", -3, ranked=False),
+    Column("equal error", "s, cosine ↓", "seconds, cosine", -3, ranked=False),
+    Column("equal error", "s, lobes ↓", "seconds, lobes", -3, ranked=False),
 ]
+_EXACT = ("psnr", "worst")  # None in a record: no slice, or not that one, has an error
 _NUMBERS = ("psnr", "worst", "flip", "bytes", "ns_per_sample", "ratio_to_floor", "limit_ns")
 
 
@@ -107,8 +108,10 @@ def _values(row: Timing, fronts: Mapping[str, set[str]]) -> dict[str, Any]:
     found: dict[str, Any] = {"codec": name_of_choice(row), "above limit": False, "fronts": NONE}
     scored = "psnr" in row or "error" not in row  # a choice that failed before has nothing to show
     for name in _NUMBERS:
-        value = row.get(name, nan) if scored else nan
-        found[name] = inf if value is None else value  # of no error, None in a record
+        value = row.get(name) if scored else None
+        if value is None:  # of no error, or not measured
+            value = inf if scored and name in _EXACT and name in row else nan
+        found[name] = value
     found["low"], found["high"] = row.get("ratio_interval95", (nan, nan))
     found["of limit"] = nan
     if "bytes" in row and "error" not in row:  # not the floor
@@ -160,15 +163,15 @@ def _stability(material: str, rows: Sequence[Timing], stale: Stale) -> Table:
             # Without that of eager float32 its slices could not be read.
             gained = cast(float, row["psnr"]) - psnr_of_eager_float32.get(row["label"], nan)
             own = {"codec": name_of_choice(row), "time": row["ratio_to_floor"], "worst": worst, "gained": gained}
-            found.append(own | {"flip": row["flip"], "stale": stale.of([row.get("job", "")])})
+            found.append(own | {"flip": row.get("flip"), "stale": stale.of([row.get("job", "")])})
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."
     )
     title = f"{material}: stability of executions and precisions"
     columns = [Column("choice", "", "codec"), Column("time", "× floor", "time", -3)]
-    columns += [Column("worst slice", "from float32, dB ↑", "worst", better="none")]
-    columns += [Column("gained", "dB", "gained", 2, signed=True), Column("FLIP", "↓", "flip", 3, better="none")]
+    columns += [Column("worst slice", "from float32, dB ↑", "worst", ranked=False)]
+    columns += [Column("gained", "dB", "gained", 2, signed=True), Column("FLIP", "↓", "flip", 3, ranked=False)]
     return written("trade", title, pd.DataFrame(found), columns, [note], material=material)
 
 
@@ -186,7 +189,7 @@ def _profile(material: str, records: Sequence[Timing]) -> Table:
         rows.append({**row, "threads": threads, **ns_of_codec})
     columns = [Column("part", "", "part"), Column("batch", "", "batch", 0), Column("queries", "", "queries")]
     columns += [Column("footprint", "texels", "footprint", -3), Column("threads", "", "threads", 0)]
-    columns += [Column(codec, "ns ↓", codec, -3, better="none") for codec in codecs]
+    columns += [Column(codec, "ns ↓", codec, -3, ranked=False) for codec in codecs]
     note = (
         "Eager, float32. decoder: its networks alone; evaluate: with the texture's fetch; query: with all checks. "
         "slice: all texels of one pair; random: random places, and directions up to 75°."

@@ -31,6 +31,7 @@ class Column(NamedTuple):
     digits: int = 1  # decimals; −n: n significant digits
     signed: bool = False
     better: str = ""  # "↑" or "↓" where the unit has no arrow but the best is marked all the same
+    ranked: bool = True  # whether the best and the second best are marked
     before: tuple[str, str] = ("", "")  # a mark before the number, and the boolean column that says where it stands
     after: tuple[str, str] = ("", "")  # the same, of a mark after it
     write: Callable[[Row], str] | None = None  # the whole cell of a row, where it is not just a number
@@ -46,14 +47,14 @@ class Column(NamedTuple):
         value = row[self.field]
         if isinstance(value, str):
             return value
-        if isnan(value):
+        if pd.isna(value):
             return NONE
         if value == inf:
             return EXACT
         before = self.before[0] if self.before[1] and row[self.before[1]] else ""
         after = self.after[0] if self.after[1] and row[self.after[1]] else ""
         beside = ""
-        if self.beside and not isnan(row[self.beside]):
+        if self.beside and not pd.isna(row[self.beside]):
             other = self if self.beside_digits is None else self._replace(digits=self.beside_digits)
             beside = self.pair.format(other._number(row[self.beside]))
         return before + self._number(value) + beside + after
@@ -84,7 +85,7 @@ def written(
     """The table of cells, for the fields of `Table`, with its best and second best values marked.
 
     A column `stale` of `values` says in words which codec of a row cannot be made again, and why, or "": such rows are
-    marked, and a note has these words.
+    marked in their column "codec", or else in the first, and a note has these words.
     """
     rows = []
     reasons: dict[str, None] = {}  # each once
@@ -92,7 +93,8 @@ def written(
         cells = [column.cell(row) for column in columns]
         if row.get("stale"):
             reasons[row["stale"]] = None
-            place = [column.field for column in columns].index("codec")
+            fields = [column.field for column in columns]
+            place = fields.index("codec") if "codec" in fields else 0
             cells[place] += STALE
         rows.append(cells)
     headers = [(column.name, column.unit) for column in columns]
@@ -154,7 +156,7 @@ def _marked(values: pd.DataFrame, column: Column) -> dict[int, str]:
     `FEW` rows share, nor for a second best of zero, unless it is a difference.
     """
     better = column.better or column.unit[-1:]
-    if better not in ("↑", "↓"):
+    if not column.ranked or better not in ("↑", "↓"):
         return {}
     read = [nan if isinstance(value, str) else column.rounded(value) for value in values[column.field]]
     if better == "↓" and not column.write:  # an infinite one reads “exact”, which is the best by any measure

@@ -1,7 +1,6 @@
 """The most memory that a stretch of work takes: of this process on a CPU, of PyTorch's tensors on a GPU."""
 
 import re
-from contextlib import suppress
 from pathlib import Path
 
 import torch
@@ -12,19 +11,23 @@ _PROCESS = Path("/proc/self")
 _RESET_PEAK = "5"  # what the kernel's `clear_refs` takes to forget the peak so far: see proc(5)
 
 
-def forget_peak(device: torch.device) -> None:
-    """Start anew: `peak_bytes` tells the most since now."""
+def forget_peak(device: torch.device) -> bool:
+    """Start anew: `peak_bytes` tells the most since now. Whether that could be done."""
     if is_gpu(device):
         reset = getattr(torch.get_device_module(device), "reset_peak_memory_stats", None)
-        if reset is not None:  # not each maker's module has it
-            reset(device)
-        return
-    with suppress(OSError):  # only Linux has this file
+        if reset is None:  # not each maker's module has it
+            return False
+        reset(device)
+        return True
+    try:
         (_PROCESS / "clear_refs").write_text(_RESET_PEAK, encoding="ascii")
+    except OSError:  # only Linux has this file, and a sandbox may not let it be written
+        return False
+    return True
 
 
 def peak_bytes(device: torch.device) -> int | None:
-    """The most bytes that were held at once since `forget_peak`; None where nobody counts them.
+    """The most bytes that were held at once since `forget_peak`, if that could be done; None where nobody counts them.
 
     On a CPU it is all memory of this process, PyTorch and the BTF included.
     """

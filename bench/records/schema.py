@@ -281,7 +281,7 @@ class Job(Open, total=False):
         Needed("verification", ("version", "code")),
     ]
     fit_seconds: Annotated[NotNegative, RESULTS, Shown("CPU", "s", 2)]
-    fit_memory: Annotated[Count, RESULTS]  # the most bytes that the fit held at once, as `bench.machine.memory` counts
+    fit_memory: Annotated[Count, RESULTS]  # bytes at most while it was fitted, as `bench.machine.memory` counts
     fit_cached: bool
     fitted: Annotated[dict[str, Text | None], RESULTS]
     history: Annotated[list[Point], RESULTS]

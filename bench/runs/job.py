@@ -305,7 +305,7 @@ class Attempt:
             checkpoint=self.checkpoint,
         )
         encode = fitting.encode_of(self.codec, self.workbench.demand, task.uniform)
-        forget_peak(fit.device)
+        counted = forget_peak(fit.device)
         header, seconds = fit_to_file(self.codec, training, fit, path, encode)
         facts: Facts = {
             "fit_key": self.fit_key,
@@ -315,9 +315,9 @@ class Attempt:
             "faults": fit.faults,
             "fitted": revision_and_time(self.codec.name),
         }
-        memory = peak_bytes(fit.device)
+        memory = peak_bytes(fit.device) if counted else None
         if memory is not None:
-            facts["fit_memory"] = memory
+            facts["fit_memory"] = memory  # of a fit that was resumed, since then
         return header, facts
 
 

@@ -35,7 +35,7 @@ from bench.runs import lock
 from bench.runs.setting_times import decoded_settings, new_run, start_of, surfaces_of
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.timing import Queries, native
-from bench.timing.execution import DTYPES, TOLERANCES, Variant, exists_on, is_whole, networks, prepared
+from bench.timing.execution import DTYPES, TOLERANCES, Variant, exists_on, networks, prepared
 from bench.timing.profile import least_ns, roofline
 
 log = logging.getLogger(__name__)
@@ -50,7 +50,7 @@ TRIED = "tried.txt"
 GIVEN_UP = "given-up.txt"
 FIT_STEPS = 100  # that are timed of a fit, beyond its first
 PRECISIONS = {"eager": tuple(DTYPES), "compiled": ("float32", "float16"), "network": tuple(DTYPES)}
-PRECISIONS["fused"] = ("float32",)  # in others it is as `network`
+PRECISIONS["fused"] = ("float32",)
 
 
 class Clock:
@@ -236,7 +236,7 @@ def _possible(material: Material) -> list[Variant]:
                 possible.append(variant)
     if networks(material):
         return possible
-    return [variant for variant in possible if variant.execution == "eager" or is_whole(variant, material.device)]
+    return [variant for variant in possible if variant.execution in ("eager", "fused")]
 
 
 def _is_native(precision: str, device: torch.device) -> bool:

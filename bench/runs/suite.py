@@ -329,20 +329,25 @@ def canonical(suite: Suite) -> Suite:
     """
     try:
         specs = [dataclasses.replace(spec, settings=changed_settings(spec)) for spec in suite.codecs]
+        merged = _merged(specs)
     except InputError as error:
         raise InputError(f"suite {suite.name}: {error}") from error
-    return dataclasses.replace(suite, codecs=_merged(specs))
+    return dataclasses.replace(suite, codecs=merged)
 
 
 def _merged(specs: Sequence[CodecSpec]) -> tuple[CodecSpec, ...]:
-    """The entries of a suite, of which those with equal labels become one, on the materials of all of them and with the
-    first one's seeds."""
+    """The entries of a suite, of which those with equal labels become one, on the materials of all of them.
+
+    `InputError` if their seeds differ: not every material would have all of them.
+    """
     unique: dict[str, CodecSpec] = {}  # by label
     for spec in specs:
         if spec.label not in unique:
             unique[spec.label] = spec
             continue
         first = unique[spec.label]
+        if spec.seeds != first.seeds:
+            raise InputError(f"codecs: {spec.label!r} appears twice, with other seeds: give both the same ones")
         if first.materials and spec.materials:
             materials = tuple(dict.fromkeys(first.materials + spec.materials))  # of both, each once
         else:

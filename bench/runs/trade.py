@@ -1,6 +1,7 @@
 """Measures the trade-offs of a suite: quality, bytes and time of every setting, execution and precision.
 
-A *choice* is a codec file with an execution (eager, compiled or fused) and a precision; the two together are a variant.
+A *choice* is a codec file with an execution (eager, compiled, network or fused) and a precision; the two together are
+a variant.
 Variants do not change the file: all are scored and timed from the same one. An entry of the suite may be a *sweep* over
 the values of a setting; only the files of other entries are tried in several variants. *Ceilings* are the rates of
 arithmetic and memory that were measured on the device. The results are timings among the run's records: what has one is
@@ -53,7 +54,7 @@ from bench.runs.evaluation import Slices, material_of_job
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.runs.workbench import Opening, Workbench, open_workbench
 from bench.timing import Queries, native
-from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
+from bench.timing.execution import Variant, exists_on, networks, prepared
 from bench.timing.profile import Condition, ceiling_calls, least_ns, profile, rates, roofline
 
 BATCH = 65_536  # whole chunks of every execution
@@ -445,7 +446,7 @@ def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
     variants = [Variant.parse(text) for text in suite.variants]
     if networks(material):
         return variants
-    return [variant for variant in variants if is_whole(variant, material.device)]
+    return [variant for variant in variants if variant.execution == "fused"]
 
 
 def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> Timing:

@@ -5,10 +5,10 @@
 | `eager` | PyTorch's operations one by one, in chunks that fit the cache: the default of a material |
 | `compiled` | `evaluate` through torch.compile, on the network folded by `bench.timing.fused.lean` |
 | `network` | the network and its fetch as one kernel: on the CPU by Dr.Jit, on a GPU by Triton |
-| `fused` | in float32 all of `evaluate` as one kernel, by Dr.Jit; else as `network` |
+| `fused` | all of `evaluate` as one kernel, by Dr.Jit, on the CPU or an NVIDIA GPU; float32 |
 
-If `evaluate` cannot be recorded, if LLVM is too old for the operations of codecs outside their network, or if the GPU
-is none of NVIDIA's, `fused` is as `network`, too.
+A material whose `evaluate` cannot be recorded has no `fused` execution, and none has one with an LLVM that is too old
+for the operations outside networks.
 
 Precisions are those of textures, weights and products; places and directions stay float32. `TOLERANCES` gives the
 largest error of the network's answer relative to float64.
@@ -69,34 +69,33 @@ class Variant:
 
 def exists_on(variant: Variant, device: torch.device) -> bool:
     """Whether a kind of device supports a variant; `prepared` reports missing packages."""
+    on_nvidia = device.type == "cuda" and torch.version.hip is None
     if variant.precision == "tf32":  # NVIDIA's
-        return device.type == "cuda"
-    if variant.execution in ("network", "fused") and not is_gpu(device):  # by Dr.Jit, which knows no short floats
+        return on_nvidia
+    if variant.execution == "fused":  # by Dr.Jit, which knows no short floats, and no other GPUs
+        return variant.precision == "float32" and (on_nvidia or not is_gpu(device))
+    if variant.execution == "network" and not is_gpu(device):  # by Dr.Jit, too
         return variant.precision == "float32"
     return True
 
 
-def is_whole(variant: Variant, device: torch.device) -> bool:
-    """Whether a variant fuses a whole material, so that it also computes codecs without a network."""
-    on_nvidia = not is_gpu(device) or device.type == "cuda"
-    return variant.execution == "fused" and variant.precision == "float32" and on_nvidia
-
-
 def prepared(material: Material, variant: Variant) -> Material:
-    """A copy of a material that is computed in a variant. `InputError` says what is missing or unsupported."""
+    """A copy of a material that is computed in a variant. `InputError` says what is missing or unsupported.
+
+    For the whole process, convolutions in float32 may no longer be rounded as tf32.
+    """
     if variant.precision == "tf32" and material.device.type != "cuda":
         raise InputError("tf32 is a precision of NVIDIA's GPUs: use float32 here")
     material = copy.deepcopy(material).to(dtype=DTYPES[variant.precision])
     # PyTorch lets convolutions round to tf32 unless told not to; float32 must not. `_Tf32` and the fused kernels allow
     # it themselves, where the variant asks for it.
     torch.backends.cudnn.allow_tf32 = False
-    match variant.execution:
-        case "compiled":
-            material = _Compiled(material)
-        case "network":
-            return _with_networks_fused(material, variant)
-        case "fused":
-            return _fused(material, variant)
+    if variant.execution == "network":
+        return _with_networks_fused(material, variant)
+    if variant.execution == "fused":
+        return _fused(material, variant)
+    if variant.execution == "compiled":
+        material = _Compiled(material)
     return _Tf32(material) if variant.precision == "tf32" else material
 
 
@@ -129,36 +128,26 @@ def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> None:
 
 
 def _fused(material: Material, variant: Variant) -> Material:
-    """The material as one kernel or, where there is none, with fused networks. `InputError` if neither can be."""
+    """The material as one kernel. `InputError` if it cannot be."""
     if variant.precision != "float32":
-        return _with_networks_fused(material, variant)
-    try:
-        target = target_of(material.device)
-        why = "" if is_gpu(material.device) else unusable(plugins=True)
-    except InputError as error:
-        if not is_gpu(material.device):  # there the networks need the same
-            raise
-        why = str(error)
-    if not why:
-        try:
-            return _whole(material, target)
-        except InputError as error:
-            why = str(error)
-    return _with_networks_fused(material, variant, why)
+        raise InputError(f"fused computes in float32, not {variant.precision}: use network or compiled")
+    target = target_of(material.device)
+    too_old = "" if is_gpu(material.device) else unusable(plugins=True)
+    if too_old:
+        raise InputError(f"{too_old}; or use network")
+    return _whole(material, target)
 
 
-def _with_networks_fused(material: Material, variant: Variant, why: str = "") -> Material:
-    """The material with its networks as kernels. `InputError` if it has none, or they cannot be; `why` its whole query
-    is no kernel, if that was tried."""
+def _with_networks_fused(material: Material, variant: Variant) -> Material:
+    """The material with its networks as kernels. `InputError` if it has none, or they cannot be."""
     on_gpu = is_gpu(material.device)
     if not on_gpu and variant.precision != "float32":
-        raise InputError(f"{variant.execution} on the CPU computes in float32, not {variant.precision}: use compiled")
+        raise InputError(f"network on the CPU computes in float32, not {variant.precision}: use compiled")
     if not networks(material):
-        because = f" ({why})" if why else ""
-        raise InputError(f"{variant.execution} computes decoder networks, and this codec has none{because}: use eager")
+        raise InputError("network computes decoder networks, and this codec has none: use eager or fused")
     make: Callable[[Decoder], nn.Module]
     if on_gpu:
-        with installed(f"{variant.execution} on a GPU needs Triton: pip install triton"):
+        with installed("network on a GPU needs Triton: pip install triton"):
             from bench.timing.fused.with_triton import TritonNetwork
         make = partial(TritonNetwork, tf32=variant.precision == "tf32")
     else:
@@ -189,7 +178,7 @@ def _whole(material: Material, target: Target) -> Material:
 
     _replaced(marked, placeholder)
     fused = Whole(material, marked, decoders, target)
-    if not is_gpu(material.device):  # a GPU takes a batch as a whole
+    if not is_gpu(material.device):  # a GPU's chunks are long enough
         fused.chunk = FUSED_CHUNK
     return fused
 

@@ -11,7 +11,7 @@ from bench.machine.memory import forget_peak, peak_bytes
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="only Linux counts it")
 def test_the_peak_is_that_since_it_was_forgotten():
     cpu = torch.device("cpu")
-    forget_peak(cpu)
+    assert forget_peak(cpu)
     before = peak_bytes(cpu)
     large = torch.ones(1 << 26)  # 256 MiB
     during = peak_bytes(cpu)
@@ -25,5 +25,5 @@ def test_the_peak_is_that_since_it_was_forgotten():
 
 
 def test_a_device_that_counts_no_memory_has_no_peak(gpu):
-    forget_peak(gpu.type)
+    assert not forget_peak(gpu.type)
     assert peak_bytes(gpu.type) is None

@@ -230,6 +230,27 @@ def test_a_job_on_other_data_leaves_published_rows_in_their_table(run_maker, tmp
     assert "n/c: mine seed=7 is not comparable" in table_text([published, own.folder], kind="main")
 
 
+@pytest.mark.parametrize("kind", TABLES)
+def test_a_run_that_was_fitted_to_a_scene_alone_has_no_such_table(made, kind):
+    scores = {"heldout": made._group(30.0), "validation": made._group(30.0)}
+    made.job("pca scene=true", scores=scores, settings={"scene": True})
+    assert list(TABLES[kind](load_run(made.folder))) == []
+
+
+def test_a_codec_that_lacks_a_surface_and_is_behind_hides_no_best(made):
+    """relief has a curve on one of two surfaces, below that of ntc, whose best rung of vq is better than both."""
+    for material in ("satin", "wool"):
+        for rung, bits in enumerate((16, 32, 64)):
+            for label, psnr in (("relief", 29.0), ("ntc", 30.0)):
+                if (label, material) != ("relief", "wool"):
+                    scores = {"heldout": made._group(psnr + rung), "validation": made._group(psnr + rung)}
+                    size = {"total": bits * SIZE}
+                    made.job(f"{label} x={rung}", material, bytes=size, scores=scores, psnr=psnr, settings={"x": rung})
+    (front,) = TABLES["front"](load_run(made.folder))
+    assert front.marks == {}  # one codec alone has a value, which is no distinction; relief hides nothing
+    assert not any("No best" in note for note in front.notes)
+
+
 def test_bytes_in_memory_have_curves_of_their_own(made):
     """Of equal files, the decoder that takes half as much memory has more at equal bytes there."""
     for rung, bits in enumerate((64, 256, 1024)):

@@ -22,13 +22,14 @@ class Target:
     arrays: ModuleType
     backend: Any  # of `drjit.JitBackend`
     calls: bool  # whether a network is a function that the kernel calls
+    device: torch.device
 
     def ready(self) -> None:
         """Before a kernel: as many threads as PyTorch has; on a GPU, wait until PyTorch has written what it reads."""
         import drjit as dr
 
         if self.backend == dr.JitBackend.CUDA:  # which works beside PyTorch, in a stream of its own
-            torch.cuda.synchronize()
+            torch.cuda.synchronize(self.device)
         elif dr.thread_count() != torch.get_num_threads():
             dr.set_thread_count(torch.get_num_threads())
 
@@ -37,9 +38,11 @@ def target_of(device: torch.device) -> Target:
     """The target of a device. `InputError` says what is missing."""
     if not is_gpu(device):
         on_cpu = llvm.drjit()
-        return Target(on_cpu.llvm, on_cpu.JitBackend.LLVM, calls=True)
+        return Target(on_cpu.llvm, on_cpu.JitBackend.LLVM, calls=True, device=device)
     with installed("fused on a GPU needs Dr.Jit: pip install neubtf-bench[mitsuba]"):
         import drjit as dr
     if device.type != "cuda" or not dr.has_backend(dr.JitBackend.CUDA):
-        raise InputError(f"Dr.Jit finds no NVIDIA driver for {device}, so a query is no single kernel there")
-    return Target(dr.cuda, dr.JitBackend.CUDA, calls=False)
+        raise InputError(f"fused: Dr.Jit finds no NVIDIA driver for {device}: use network")
+    if device.index:
+        raise InputError(f"fused: Dr.Jit computes on the first GPU alone, not on {device}: use cuda, or network")
+    return Target(dr.cuda, dr.JitBackend.CUDA, calls=False, device=device)

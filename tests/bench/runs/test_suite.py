@@ -51,6 +51,17 @@ def test_a_codec_may_be_run_on_some_of_the_materials_but_the_command_line_asks_f
     assert len(with_changes(suite, ["satin"], [], {}).cells) == 5 * 2
 
 
+def test_entries_that_a_default_makes_equal_need_equal_seeds():
+    """Else the seeds of one would be lost, and a material be run with those of the other."""
+    suite = parse_suite("test", TEXT)
+    first = CodecSpec("pca", {}, (), ("satin",), (0,))
+    second = CodecSpec("pca", {"components": 16}, (), ("fabric",), (1, 2))  # the default, spelled out
+    with pytest.raises(InputError, match="'pca' appears twice, with other seeds"):
+        canonical(dataclasses.replace(suite, codecs=(first, second)))
+    (merged,) = canonical(dataclasses.replace(suite, codecs=(first, dataclasses.replace(second, seeds=(0,))))).codecs
+    assert (merged.materials, merged.seeds) == (("satin", "fabric"), (0,))
+
+
 def test_a_codec_may_have_seeds_of_its_own_but_the_command_line_overrides_them():
     suite = parse_suite("test", TEXT.replace('"mean-colour"', '"mean-colour"\nseeds = [3, 5]\nmaterials = ["satin"]'))
     assert [seed for _, codec, seed in suite.cells if codec.codec == "mean-colour"] == [3, 5]

@@ -67,13 +67,15 @@ def fused():
         pytest.skip(str(error))
 
 
-def test_fused_is_the_network_alone_where_the_rest_cannot_be_recorded(monkeypatch):
+def test_the_network_alone_is_fused_where_the_rest_cannot_be_recorded(monkeypatch):
     class Branching(Textured):
         def evaluate(self, uv, wo, wi, footprint):
             return super().evaluate(uv, wo, wi, footprint) if uv.sum() > 0 else uv
 
     fused()  # skips where there is no Dr.Jit
-    material = prepared(Branching(), Variant("fused"))
+    with pytest.raises(InputError):
+        prepared(Branching(), Variant("fused"))
+    material = prepared(Branching(), Variant("network"))
     assert type(material) is Branching
     assert type(material.network).__name__ == "DrJitNetwork"
     assert_same(material, 1e-5)
@@ -88,15 +90,18 @@ def old_llvm(monkeypatch):
 def test_what_cannot_be_computed_is_refused_with_the_remedy(old_llvm, monkeypatch):
     with pytest.raises(InputError, match="NVIDIA"):
         prepared(Textured(), Variant("eager", "tf32"))
-    with pytest.raises(InputError, match="float32, not bfloat16"):
-        prepared(Textured(), Variant("fused", "bfloat16"))
+    for name in ("network", "fused"):
+        with pytest.raises(InputError, match="float32, not bfloat16"):
+            prepared(Textured(), Variant(name, "bfloat16"))
     monkeypatch.setattr(execution.shutil, "which", lambda name: None)
     with pytest.raises(InputError, match=r"needs a C\+\+ compiler: install"):
         prepared(Textured(), Variant("compiled"))
+    with pytest.raises(InputError, match="too old; or use network"):
+        prepared(Textured(), Variant("fused"))
     table = Textured()
     del table.network
-    with pytest.raises(InputError, match=r"this codec has none \(too old\): use eager"):
-        prepared(table, Variant("fused"))
+    with pytest.raises(InputError, match="this codec has none: use eager or fused"):
+        prepared(table, Variant("network"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts the page faults of Linux")
