@@ -42,7 +42,7 @@ class _Newest(NamedTuple):
     @classmethod
     def of(cls, finished: Sequence[Job], published: Collection[str]) -> "_Newest":
         """Of finished jobs in order of time. Data and pairs of those that `published` names count as newer than any."""
-        newest = cls({}, {}, {}, {}, {})
+        newest = cls(score_keys={}, shapes={}, trainings={}, fit_keys={}, codes={})
         others = [job for job in finished if job["job"] not in published]
         of_published = [job for job in finished if job["job"] in published]
         # A later job of the same key takes the place of an earlier one.

@@ -16,6 +16,7 @@ from fnmatch import fnmatch, fnmatchcase
 from itertools import chain
 from statistics import fmean
 
+from bench.compare.quantities import Tolerance
 from bench.compare.rows import ORDER, UNIT, ComparedRow, advice, compare_row, gravest_verdict, multiples
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
@@ -175,31 +176,39 @@ def _mean_change(changes: list[Change], every: bool) -> Change:
     quantity = changes[0].quantity
     tolerance = quantity.tolerance
     assert tolerance is not None, "a deciding quantity has a tolerance"
-    # If all rows lose alike, their mean scatters least when each weighs by the inverse of its variance. `common` is
-    # added to it, so that a row that hardly scatters does not outweigh all others.
-    inverse = []
-    for change in changes:
-        error = 0.0  # of a row that does not scatter
-        if change.chance is not None:
-            error = change.chance.error
-        inverse.append(1 / (error**2 + tolerance.common**2))
-    total = math.fsum(inverse)
-    weights = [share / total for share in inverse]
+    weights = _weights(changes, tolerance)
     chance = _scatter_of_mean(changes, weights)
-    if every:
-        margin = tolerance.common
-    elif chance is not None:
-        margin = tolerance.drawn
-    else:
-        margin = tolerance.certain
-    if chance is not None:
-        margin = max(margin, chance.margin(tolerance))
+    margin = _margin(tolerance, chance, every)
     base = fmean(change.base for change in changes if change.base is not None)
     new = fmean(change.new for change in changes if change.new is not None)
     differences = [change.difference or 0.0 for change in changes]
     weighted = math.fsum(weight * difference for weight, difference in zip(weights, differences, strict=True))
     merged = Change(quantity, base, new, Verdict.SHOWN, weighted=weighted)
     return replace(merged, verdict=verdict(merged.loss, margin), margin=margin, chance=chance)
+
+
+def _weights(changes: list[Change], tolerance: Tolerance) -> list[float]:
+    """The share of each row in a mean: the inverse of its variance, with which the mean of equal losses scatters least.
+
+    `common` is added to it, so that a row that hardly scatters does not outweigh all others.
+    """
+    inverse = []
+    for change in changes:
+        error = change.chance.error if change.chance else 0.0  # of a row that does not scatter
+        inverse.append(1 / (error**2 + tolerance.common**2))
+    total = math.fsum(inverse)
+    return [share / total for share in inverse]
+
+
+def _margin(tolerance: Tolerance, chance: Chance | None, every: bool) -> float:
+    """How much a mean may lose, at least as much as chance explains; `every` is as in `_mean`."""
+    if every:
+        least = tolerance.common
+    elif chance is not None:
+        least = tolerance.drawn
+    else:
+        least = tolerance.certain
+    return least if chance is None else max(least, chance.margin(tolerance))
 
 
 def _scatter_of_mean(changes: list[Change], weights: list[float]) -> Chance | None:

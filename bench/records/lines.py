@@ -134,14 +134,16 @@ class Run:
 
     def _of_trade(self) -> list[Timing]:
         """What a trade measured, without what is of jobs that are not here or whose files were fitted again since."""
-        current = []
-        for timing in self.timings:
-            job = self.job(timing["of"]) if "of" in timing else Job()
-            # A job that failed has no file, and neither has its choice.
-            if "material" in timing and job is not None and ("of" not in timing or _file_of(job) == _file_of(timing)):
-                current.append(timing)
+        of_materials = [timing for timing in self.timings if "material" in timing]
+        current = [timing for timing in of_materials if "of" not in timing or self._is_current(timing)]  # and floors
         materials = {timing["material"] for timing in current if "of" in timing}
         return [timing for timing in current if timing["material"] in materials]  # no floor alone
+
+    def _is_current(self, timing: Timing) -> bool:
+        """Whether the job that was timed is here, with the file that was timed; a job that failed has no file, and
+        neither has its choice."""
+        job = self.job(timing["of"])
+        return job is not None and _file_of(job) == _file_of(timing)
 
 
 def _file_of(record: Job | Timing) -> str | None:

@@ -67,6 +67,11 @@ def run(options: argparse.Namespace) -> int:
     for name in ("bsdf", "samples"):
         if getattr(options, name) is not None:
             raise InputError(f"--{name}: only for a Mitsuba scene, an .xml file: {options.scene} has one material")
+    return _drawn(options)
+
+
+def _drawn(options: argparse.Namespace) -> int:
+    """Render the truth, if it is asked for, and files in a scene of the suite, side by side."""
     scene = still.changed(named_scene(options.scene), options.lights, options.tiling, options.width)
     if not 0 <= options.frame < len(scene.cameras):
         raise InputError(f"--frame {options.frame}: {scene.name} has frames 0 to {len(scene.cameras) - 1}")
@@ -76,21 +81,23 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("--set: it says how --truth is prepared: give --truth, too")
     device = usable_device(options.device or "cpu")
     with Console() as console:
-        files = [load(file, device) for file in options.files]
-        sides = [still.of_material(file.material) for file in files]
+        names, captions, sides = [], [], []  # of each picture, from the left
         if options.truth:
             truth = open_named(options.truth, assignments(options.set), console.show)
-            sides.insert(0, still.of_btf(table_of(truth)))
+            names.append(options.truth)
+            captions.append("truth")
+            sides.append(still.of_btf(table_of(truth)))
+        for path in options.files:
+            file = load(path, device)
+            names.append(path.name)
+            captions.append(_caption(file.header))
+            sides.append(still.of_material(file.material))
         rays = 2 if options.rays is None else options.rays
         pictures = still.render(scene, sides, options.frame, rays, show=console.show)
         exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
-        names = [file.name for file in options.files]
-        captions = [_caption(file.header) for file in files]
         if options.truth:
-            for number, picture in enumerate(pictures[1:]):
+            for number, picture in enumerate(pictures[1:], 1):
                 captions[number] += f"\n{still.psnr_in_frame(picture, pictures[0], exposure):.2f} dB in frame"
-            names.insert(0, options.truth)
-            captions.insert(0, "truth")
         still.write(options.out, np.concatenate(list(pictures), 1), exposure, captions)
         console.say(_written(options.out, names, captions, exposure))
     return FINE
