@@ -196,7 +196,7 @@ class Rungs:
                 curve = self.curve(hull, score)
                 if curve:
                     found[line][surface] = at(curve, min(size, hull.sizes[-1]) if to_end else size)
-        return pd.DataFrame.from_dict(found, orient="index", columns=list(self.surfaces), dtype=float)
+        return _by_line(found, self.surfaces)
 
     def picks(self, budget: Budget, surfaces: Sequence[str]) -> pd.DataFrame:
         """By line and surface: the number of the best rung by validation pairs that fits the budget.
@@ -308,7 +308,7 @@ class Rungs:
                 ours, theirs = self.curve(by_surface[surface]), self.curve(others[surface])
                 if ours and theirs:
                     found[line][surface] = bd_psnr(ours, theirs)
-        return pd.DataFrame.from_dict(found, orient="index", columns=list(self.surfaces), dtype=float)
+        return _by_line(found, self.surfaces)
 
     @cached_property
     def _gaps_of_draws(self) -> dict[str, dict[str, list[float]]]:
@@ -378,6 +378,11 @@ def _weights(ours: Hull, theirs: Hull) -> np.ndarray:
         ]
         weights.append(bd_psnr(*curves))
     return np.array(weights, float)
+
+
+def _by_line(found: Mapping[str, Mapping[str, float | None]], surfaces: Iterable[str]) -> pd.DataFrame:
+    """Values by line and surface as a table, which has a row for a line without any, too."""
+    return pd.DataFrame([*found.values()], [*found], [*surfaces], dtype=float)
 
 
 def median_over(table: pd.DataFrame) -> pd.Series:

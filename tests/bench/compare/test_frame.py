@@ -214,7 +214,8 @@ def hull(rungs):
 def gap(ours, theirs):
     """The mean difference of two curves over the sizes that both have."""
     x = np.linspace(max(ours[0][0], theirs[0][0]), min(ours[0][-1], theirs[0][-1]), 4001)
-    return np.trapezoid(np.interp(x, *ours[:2]) - np.interp(x, *theirs[:2]), x) / (x[-1] - x[0])
+    gaps = np.interp(x, *ours[:2]) - np.interp(x, *theirs[:2])
+    return (gaps.sum() - (gaps[0] + gaps[-1]) / 2) / (len(x) - 1)  # by the trapezoidal rule
 
 
 def test_the_front_is_a_few_groups_of_the_frame(write):
