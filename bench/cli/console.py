@@ -20,6 +20,7 @@ SILENCE = 10.0  # without a terminal, seconds between two lines of progress
 
 if TYPE_CHECKING:
     from bench.btf import BTF
+    from bench.data.half_vectors import HalfVectors
     from bench.data.portrait import Look
     from bench.runs.job import Outcome
 
@@ -230,7 +231,7 @@ def btf_fields(portrait: "Look") -> dict[str, Any]:
         "values": {"minimum": float(low), "median": float(np.median(portrait.values)), "maximum": float(high)},
         "exposed": portrait.exposed._asdict(),
         "views": len(portrait.layout.views),
-        "half_vectors": asdict(portrait.half_vectors) if portrait.half_vectors else None,
+        "half_vectors": _of_half_vectors(portrait.half_vectors),
         "lobe": asdict(portrait.lobe) if portrait.lobe else None,
         "fingerprint": btf.fingerprint,
         "provenance": btf.provenance,
@@ -271,6 +272,11 @@ def btf_lines(btf: dict[str, Any]) -> str:
     return "\n".join(visible(line) for line in lines)
 
 
+def _of_half_vectors(found: "HalfVectors | None") -> dict[str, Any] | None:
+    """What half vectors say of the light's frame, and which frame is likely; None where they say nothing."""
+    return {**asdict(found), "likely": found.likely} if found else None
+
+
 def _frame_lines(btf: dict[str, Any]) -> list[str]:
     """Say whether the azimuths of views and lights seem to be right, or why that is not known.
 
@@ -283,10 +289,16 @@ def _frame_lines(btf: dict[str, Any]) -> list[str]:
     half_vectors = btf["half_vectors"]
     if half_vectors:
         shares = [f"{share:.0%} {frame}" for frame, share in half_vectors["shares"].items()]
-        return [f"frame: half vectors of {half_vectors['count']} pairs explain {', '.join(shares)}"]
+        none_better = "" if half_vectors["likely"] != "as given" else ": no other frame is clearly better"
+        return [f"frame: half vectors of {half_vectors['count']} pairs explain {', '.join(shares)}{none_better}"]
     lobe = btf["lobe"]
     if not lobe:
-        return ["frame: not checked: views and lights share no ring of azimuths with all pairs, or all is dark there"]
+        from bench.data.half_vectors import LEAST_PAIRS
+
+        return [
+            "frame: not checked: views and lights share no ring of azimuths with all pairs, or all is dark there, and "
+            f"fewer than {LEAST_PAIRS} training pairs are lit"
+        ]
     explained = f"{lobe['difference_share']:.0%} of the mean lobe at theta {lobe['theta_deg']:.0f}°"
     return [
         f"frame: phi_i - phi_o explains {explained}, most at {lobe['peak_deg']:.0f}° (180°: mirror direction); "

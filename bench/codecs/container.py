@@ -297,6 +297,8 @@ def _read(path: Path) -> bytes:
     refuse_pipe(path)
     try:
         return path.read_bytes()
+    except FileNotFoundError as error:
+        raise ContainerError(f"{path}: there is no such file: check the path") from error
     except OSError as error:
         raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
 

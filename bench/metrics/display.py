@@ -67,7 +67,8 @@ class Exposed(NamedTuple):
         if self.black > MOST_OF_BLACK:
             return f"black scores {self.black:.0f} dB at this exposure, {self.exposure:.3g}: nearly all slices are dark"
         if self.code < LEAST_CODE:
-            return f"the median slice has a mean code of {self.code:.0f} of 255 at this exposure, {self.exposure:.3g}"
+            shown = f"the median slice has a mean code of {self.code:.0f} of 255 at this exposure, {self.exposure:.3g}"
+            return f"{shown}: it is dark, so decibels are high"
         return ""
 
 

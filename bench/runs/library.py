@@ -280,7 +280,7 @@ def score(
     require_present(device, "device")
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
         loaded = loading.load(Path(decoded), device)
-        _require_same_size(str(decoded), loaded.material.size, btf)
+        require_same_size(str(decoded), loaded.material.size, btf)
         figures: Job = {"codec": loaded.header.codec, "score_key": score_key(workbench, loaded.header)}
         figures |= evaluate(workbench, loaded, threads, _store_nothing, show)
     else:
@@ -309,23 +309,24 @@ def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Mate
     """The name and the material of what has no codec file: a material, or slices as a BTF or in a folder."""
     if isinstance(decoded, Material):
         name = type(decoded).__name__
-        _require_same_size(name, decoded.size, btf)
+        require_same_size(name, decoded.size, btf)
         return name, decoded
     if isinstance(decoded, BTF):
         slices = decoded
     else:
         slices = open_btf(decoded)
-    _require_same_size(slices.name, slices.shape, btf)
+    require_same_size(slices.name, slices.shape, btf)
     return slices.name, SlicesMaterial(slices, btf)
 
 
-def _require_same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
+def require_same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
     """Raise `InputError` unless what was decoded has the texels of the BTF."""
     if size != btf.shape:
         decoded = " × ".join(map(str, size))
         wanted = " × ".join(map(str, btf.shape))
         raise InputError(
-            f"{name}: it decodes to {decoded} texels, but {btf.name} has {wanted}: open the BTF as it was encoded"
+            f"{name}: it decodes to {decoded} texels, but {btf.name} has {wanted}: open the BTF as it was encoded, "
+            f"such as with --set data.size={max(size)}"
         )
 
 

@@ -25,6 +25,7 @@ from bench.demand import still
 from bench.demand.frame_scorer import table_of
 from bench.demand.scene import named_scene
 from bench.inputs.errors import FINE, InputError, installed
+from bench.runs.library import require_same_size
 
 LIMITS: dict[str, tuple[float, float]] = {  # by option: the least and the largest value
     "tiling": (1e-3, 1e3),
@@ -89,6 +90,8 @@ def _drawn(options: argparse.Namespace) -> int:
             sides.append(still.of_btf(table_of(truth)))
         for path in options.files:
             file = load(path, device)
+            if options.truth:
+                require_same_size(path.name, file.material.size, truth)
             names.append(path.name)
             captions.append(_caption(file.header))
             sides.append(still.of_material(file.material))

@@ -28,6 +28,7 @@ from bench.program import Program
 from bench.records import PSNR, deciding_group
 from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
 from bench.runs.evaluation import Slices
+from bench.runs.library import require_same_size
 from bench.runs.workbench import Workbench
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import shader
@@ -63,6 +64,7 @@ def run(options: argparse.Namespace) -> int:
                 common_exposure = exposure
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
             if options.truth:
+                require_same_size(file.header.path.name, file.material.size, btf)
                 label += f", {_psnr(file, btf, console.show):.2f} dB"
             models.append(Shown(label, program, common_exposure, note, slices=of_slices))
         title = models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem

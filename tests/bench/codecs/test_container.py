@@ -155,7 +155,7 @@ def test_a_header_beyond_the_limit_is_not_written(monkeypatch):
 
 
 def test_a_missing_file_is_a_container_error(tmp_path):
-    with pytest.raises(ContainerError, match="cannot be read"):
+    with pytest.raises(ContainerError, match="no such file: check the path"):
         loading.load(tmp_path / "absent.nbtf")
 
 

@@ -103,7 +103,8 @@ def test_curves_that_share_nothing_have_no_difference():
 
 def bootstrap(values, level, of=np.mean):
     """SciPy's percentile interval of a statistic, from another stream of draws."""
-    found = stats.bootstrap((values,), of, confidence_level=level, n_resamples=20_000, method="percentile", random_state=7)
+    drawn = {"confidence_level": level, "n_resamples": 20_000, "random_state": 7}
+    found = stats.bootstrap((values,), of, method="percentile", **drawn)
     return found.confidence_interval
 
 

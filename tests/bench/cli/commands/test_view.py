@@ -76,3 +76,21 @@ def test_the_page_is_headed_by_a_name_and_no_path_and_export_names_the_file(
     monkeypatch.setattr("reports.shaders.export.shader", refused)
     assert cli.main(["export", str(tmp_path / "a.nbtf"), "-o", str(tmp_path / "out")]) == 2
     assert f"{tmp_path / 'a.nbtf'}: no shader can do 'cumsum' yet" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["view", "render"])
+def test_a_truth_of_other_texels_is_refused_with_the_size_that_fits(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A folder of maps is rendered at its default size, whatever size a file was fitted at."""
+    write_folder(tiny_btf(8, 6, 6), tmp_path / "cloth")
+    write_folder(tiny_btf(12, 6, 6), tmp_path / "larger")
+    file = str(tmp_path / "a.nbtf")
+    assert cli.main(["encode", str(tmp_path / "cloth"), "--codec", "mean-colour", "-o", file]) == 0
+    out = tmp_path / ("a.html" if command == "view" else "a.png")
+    capsys.readouterr()
+    assert cli.main([command, file, "--truth", str(tmp_path / "larger"), "-o", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert "8 × 8 texels, but larger has 12 × 12" in said
+    assert "--set data.size=8" in said
+    assert not out.exists()
