@@ -91,6 +91,6 @@ def test_a_truth_of_other_texels_is_refused_with_the_size_that_fits(
     capsys.readouterr()
     assert cli.main([command, file, "--truth", str(tmp_path / "larger"), "-o", str(out)]) == 2
     said = capsys.readouterr().err
-    assert "8 × 8 texels, but larger has 12 × 12" in said
+    assert "a.nbtf: it decodes to 8 × 8 texels, but check has 12 × 12" in said
     assert "--set data.size=8" in said
     assert not out.exists()
