@@ -180,7 +180,7 @@ def test_bad_paths_and_pictures_are_refused(file: Path, own: Path, tmp_path: Pat
         assert propagate(file, picture, out) == 2
         assert told in capsys.readouterr().err
     assert propagate(tmp_path / "none.nbtf", own, tmp_path / "new") == 2
-    assert "none.nbtf: cannot be read" in capsys.readouterr().err
+    assert "none.nbtf: there is no such file" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
 

@@ -49,7 +49,8 @@ _NEXT = {
     "reader": "pip install ./{name}-reader\npytest {name}-reader\nneubtf-bench run quick --material PATH",
     "ci": "git submodule add URL-OF-THE-SUITE neubtf-bench\n"
     "neubtf-bench run tracking.toml --fresh --out runs/tracking\n"
-    "neubtf-bench compare runs/tracking --update --out reference.jsonl",
+    "neubtf-bench compare runs/tracking --update --out reference.jsonl\n"
+    "neubtf-bench compare reference.jsonl runs/tracking",
 }
 
 
@@ -89,6 +90,8 @@ def run(options: argparse.Namespace) -> int:
     for path, template in places.items():
         text = (files("bench.cli") / "templates" / f"{template}.txt").read_text("utf-8")
         write_text(path, Template(text).substitute(words), "choose another --out")
+    if what == "ci" and not (options.out / words["package"] / "pyproject.toml").exists():
+        print(f"The workflow installs the codec from {words['package']}, which has no pyproject.toml yet.")
     print(f"next:\n{_NEXT[what].format(**words)}")
     return FINE
 
