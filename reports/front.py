@@ -86,7 +86,10 @@ def front_table(run: Run) -> Iterator[Table]:
     for leader, names in absent.items():
         notes.append(f"No best is marked on {', '.join(names)} surfaces: {why_absent(leader)}.")
     if EAGER in rungs.times:
-        notes.append("Time: eager, of the files between which PSNR is read off, in the same shares; a median, too.")
+        notes.append(
+            "Time: eager, of the files between which PSNR is read off, in the same shares; a median over the surfaces where "
+            "they were timed."
+        )
     yield written("front", title, values, columns, [*notes, READ, *common_notes(run, rungs)])
 
 
@@ -104,7 +107,7 @@ def _front_values(rungs: Rungs) -> pd.DataFrame:
     values["pooled"] = median_over(rungs.read(ENOUGH.most, "pooled"))
     values = values.join(of_leads({line: rungs.lead(line) for line in lines}))
     values["single"] = [line not in rungs.hulls for line in lines]
-    values["time"] = median_over(rungs.read(ENOUGH.most, EAGER))
+    values["time"] = rungs.read(ENOUGH.most, EAGER).median(axis=1)
     values["order"] = values["median"].mask(values.index == AGAINST, 0.0)  # which has no lead over itself
     return values.sort_values("order", ascending=False, kind="stable")
 
