@@ -87,8 +87,8 @@ def front_table(run: Run) -> Iterator[Table]:
         notes.append(f"No best is marked on {', '.join(names)} surfaces: {why_absent(leader)}.")
     if EAGER in rungs.times:
         notes.append(
-            "Time: eager, of the files between which PSNR is read off, in the same shares; a median over the surfaces where "
-            "they were timed."
+            "Time: eager, of the files between which PSNR is read off, in the same shares; a median over the surfaces "
+            "where they were timed."
         )
     yield written("front", title, values, columns, [*notes, READ, *common_notes(run, rungs)])
 
