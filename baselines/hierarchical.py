@@ -10,6 +10,7 @@ detail; *places* are the points that the decoder sees, and also the setting for 
 """
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -230,6 +231,10 @@ class HierarchicalObjective(NeuMIPObjective):
 
     networks_class = HierarchicalNetworks
     networks: HierarchicalNetworks
+
+    def phase(self, progress: float) -> Hashable | None:
+        halves = super().phase(progress)
+        return None if halves is None else (halves, progress >= GRADIENT_FROM)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3). Each sample is answered by itself, as the material does, at the finest level."""

@@ -10,7 +10,7 @@ holds the latents of all levels, the finest first, a row a texel. From half of t
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -25,7 +25,17 @@ from bench.inputs.errors import InputError
 from bench.inputs.settings import IF_SET, Natural, Positive, Width
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.training import Batch, Objective, ParameterGroup, Samples, TextureSettings, gain_of, groups_of, train
+from bench.training import (
+    Batch,
+    Objective,
+    ParameterGroup,
+    Samples,
+    TextureSettings,
+    gain_of,
+    groups_of,
+    phase_by_halves,
+    train,
+)
 from bench.training.decoder import Architecture, Decoder
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.inputs import COUNTS, Directions, direction_inputs
@@ -209,6 +219,10 @@ class NeuMIPObjective(Objective):
         picture = finest.T.unflatten(1, self.samples.shape)  # (C, H, W)
         levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
         return torch.cat([level.flatten(1).T for level in levels])  # (rows of all levels, C)
+
+    def phase(self, progress: float) -> Hashable | None:
+        """By halves; with the setting `blur` each step has its own blur."""
+        return None if self.settings.blur else phase_by_halves(progress)
 
     def stored_networks(self) -> list[nn.Module]:
         return [self.networks]

@@ -11,6 +11,7 @@ bits. The network answers log radiance.
 
 import copy
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -214,6 +215,9 @@ class NTCObjective(DirectedObjective):
         for picture, size in zip(first.split(channels), sizes(samples.shape, settings.reduction), strict=True):
             grid = functional.adaptive_avg_pool2d(picture, size).flatten(1).T  # (points, features)
             self.unrounded_grids.append(nn.Parameter(grid.clamp(-1, 1).contiguous()))
+
+    def phase(self, progress: float) -> Hashable:
+        return super().phase(progress), progress >= ROUNDED_FROM[self.settings.rounding]
 
     def grids(self, progress: float, generator: torch.Generator | None = None) -> list[Tensor]:
         """Both grids as they are read at some progress of the fit, from 0 to 1.

@@ -6,6 +6,11 @@ from typing import Any
 import pytest
 
 
+def long(*values: Any) -> Any:
+    """The parameters of a long test."""
+    return pytest.param(*values, marks=pytest.mark.long)
+
+
 def short_for(names: Iterable[str], *short: str) -> list[Any]:
     """Parameters of a test: those of `short`, and the others marked as `long`."""
-    return [name if name in short else pytest.param(name, marks=pytest.mark.long) for name in names]
+    return [name if name in short else long(name) for name in names]

@@ -16,6 +16,7 @@ surface.
 """
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
@@ -44,6 +45,7 @@ from bench.training import (
     expand,
     gain_of,
     groups_of,
+    phase_by_halves,
     train,
 )
 from bench.training.decoder import Architecture, Decoder
@@ -298,6 +300,11 @@ class ReliefObjective(Objective):
         self.moved = False  # whether the marched surface differs from the first one
         first = first_latents(self.samples, total(settings), settings.start, generator, slices)  # (H · W, channels)
         self.grids = Grids(first, self.samples.shape, settings, offset=not has_height)
+
+    def phase(self, progress: float) -> Hashable | None:
+        """By halves; while the height moves, the host renews the surface."""
+        moves = self.moved or progress >= REFINED_FROM
+        return None if moves and self.height_shift is not None else phase_by_halves(progress)
 
     def stored_networks(self) -> list[nn.Module]:
         return [self.network]

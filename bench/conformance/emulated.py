@@ -117,6 +117,39 @@ class HostEvent:
         return 1e3 * (end.seconds - self.seconds)
 
 
+class HostGraph:
+    """A graph as a GPU's: operations that are recorded, without having changed anything, and done again in the same
+    memory."""
+
+    def __init__(self) -> None:
+        self.operations: list[Callable[[], Any]] = []
+        self.before: dict[int, tuple[torch.UntypedStorage, torch.UntypedStorage]] = {}  # memory, and what it held
+
+    def __enter__(self) -> None:
+        _recording.append(self)
+
+    def __exit__(self, *error: object) -> None:
+        """Leave all memory as it was before the recording."""
+        _recording.pop()
+        for memory, held in self.before.values():
+            if held.nbytes() == memory.nbytes():  # else it was made while recording, of no size at first
+                memory.copy_(held)
+
+    def keep(self, tensor: Tensor) -> None:
+        """Keep what the memory of a tensor of the device holds, before it is overwritten."""
+        memory = tensor.untyped_storage().memory  # type: ignore[attr-defined]
+        if memory.data_ptr() not in self.before:
+            self.before[memory.data_ptr()] = memory, _clone(memory)
+
+    def replay(self) -> None:
+        """Do all operations again."""
+        for operation in self.operations:
+            operation()
+
+
+_recording = list[HostGraph]()
+
+
 def register() -> None:
     """Add the device to PyTorch; `NoEmulationError` if it cannot. A process must do so before its first gradient."""
     if _libraries:
@@ -144,6 +177,8 @@ def register() -> None:
         aten.impl(name, kernel, "PrivateUse1")
     module: Any = torch.get_device_module(NAME)
     module.Event = HostEvent
+    module.CUDAGraph = HostGraph
+    module.graph = lambda graph: graph  # the block in which it records
     module.synchronize = lambda device=None: None
     _libraries.extend([every, aten])
 
@@ -253,12 +288,37 @@ def _computed(op: Any, *args: Any, **kwargs: Any) -> Any:
     arguments = zip(op._schema.arguments, args, strict=False)
     was_unwrapped = any(isinstance(x, int | float) and str(declared.type) == "Tensor" for declared, x in arguments)
     compute = op._overloadpacket if was_unwrapped else op
+    if _recording:
+        declared = op._schema.arguments
+        given = {argument.name: value for argument, value in zip(declared, args, strict=False)} | kwargs
+        for argument in declared:
+            if argument.is_write:
+                tree.tree_map_only(Tensor, _recording[-1].keep, given.get(argument.name))
     results = compute(*unnamed, **named)
-    if not operands.only_views(results) and not name.startswith(_WITHOUT_KERNEL):
+    starts_kernel = not operands.only_views(results) and not name.startswith(_WITHOUT_KERNEL)
+    if starts_kernel:
         for traffic in _traffic:
             counter = traffic.waits if name in _WAITING else traffic.kernels
             counter[name] += 1
-    return tree.tree_map(operands.raised, results)
+    raised = tree.tree_map(operands.raised, results)
+    if _recording and starts_kernel:
+        _record(name, partial(compute, *unnamed, **named), results)
+    return raised
+
+
+def _record(name: str, compute: Callable[[], Any], results: Any) -> None:
+    """Record an operation on tensors of the CPU over the device's memory, whose results shall always be in the memory
+    of these first ones. `RuntimeError` for one that waits."""
+    if name in _WAITING:
+        raise RuntimeError(f"{name}: operation not permitted when stream is capturing")
+
+    def again() -> None:
+        new = tree.tree_leaves(compute())
+        for ours, theirs in zip(tree.tree_leaves(results), new, strict=True):
+            if isinstance(ours, Tensor) and ours is not theirs:
+                ours.copy_(theirs)
+
+    _recording[-1].operations.append(again)
 
 
 def _copy_noted(what: str, tensor: Tensor, waits: bool = True) -> None:
@@ -273,6 +333,11 @@ def _copied(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tenso
     from_device, to_device = _on_device(source), _on_device(target)
     host_source = _host(source) if from_device else source
     host_target = _host(target) if to_device else target
+    if _recording:
+        if not (from_device and to_device):
+            raise RuntimeError("aten::copy_: operation not permitted when stream is capturing")
+        _recording[-1].keep(target)
+        _recording[-1].operations.append(partial(host_target.copy_, host_source))
     host_target.copy_(host_source)
     if from_device and to_device:
         for traffic in _traffic:

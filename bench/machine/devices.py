@@ -22,6 +22,13 @@ def present(device: "torch.device | str") -> bool:
     return not is_gpu(device) or bool(torch.get_device_module(device).is_available())
 
 
+def records_graphs(device: "torch.device") -> bool:
+    """Whether a device records the kernels of a step once, and starts them all at once from then on."""
+    import torch
+
+    return hasattr(torch.get_device_module(device), "CUDAGraph")
+
+
 def require_present(name: str, option: str) -> None:
     """Raise an `InputError`, which names the option, if PyTorch does not know a device of this name, or finds none."""
     import torch

@@ -4,7 +4,7 @@ Codecs import them from here, and what few codecs need from the files that docs/
 """
 
 from bench.training.decoder import Decoder
-from bench.training.fitting import LogLoss, Loss, Objective, better_start, distance, train
+from bench.training.fitting import LogLoss, Loss, Objective, better_start, distance, phase_by_halves, train
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.optimiser import Optimiser, ParameterGroup, groups_of
 from bench.training.samples import Batch, Samples, gain_of

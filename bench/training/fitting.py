@@ -11,7 +11,7 @@ same seed, machine, versions and threads give the same parameters, whether or no
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any, Literal
@@ -30,8 +30,9 @@ from bench.machine.threads import processor_seconds
 from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, to_display
 from bench.metrics.psnr import psnr as decibels
-from bench.training.display_loss import DisplayLoss
+from bench.training.display_loss import SHOWN_FROM, DisplayLoss
 from bench.training.optimiser import Optimisers, ParameterGroup, rate
+from bench.training.replay import Steps
 from bench.training.samples import PROBE, Batch, Samples
 from bench.training.stored_network import STEPS, choose_steps, note_steps, rounded_weights
 from bench.training.stored_texture import Rounding, choose_bits
@@ -75,6 +76,11 @@ def distance(ours: Tensor, target: Tensor, loss: LogLoss) -> Tensor:
             return functional.l1_loss(ours, target) + functional.mse_loss(ours, target)
 
 
+def phase_by_halves(progress: float) -> Hashable:
+    """The phase of a fit whose steps differ by what begins halfway: rounding as in the file, errors as displayed."""
+    return progress >= ROUNDED_FROM, progress >= SHOWN_FROM
+
+
 class Objective(nn.Module):
     """The objective of a fit: parameters, rates, the loss of a step. Its state must be in parameters and buffers."""
 
@@ -107,6 +113,14 @@ class Objective(nn.Module):
         """The networks whose weights the file holds in at most eight bits."""
         networks = self.stored_networks()
         return networks if networks and self.settings.weights == "int8" else []
+
+    def phase(self, progress: float) -> Hashable | None:
+        """What steps share that are one program on the device, whatever their random numbers; None: not known.
+
+        A GPU replays the steps of a phase as a graph (`bench.training.replay`): of `progress`, and of what the host
+        keeps, they may depend on nothing else.
+        """
+        return None
 
     def rate(self, step: int, steps: int, group: int) -> float:
         """The learning rate of a group at a step, as a share of its highest; each stage of a fit has its own curve."""
@@ -236,6 +250,7 @@ class _Loop:
         self.optimisers = Optimisers(objective.groups(), fit.device)
         self.highest = self.optimisers.highest  # learning rate of each group
         self.parameters = self.optimisers.parameters
+        self.stepper = Steps(self._step, objective.phase, self.optimisers, self.generator, fit.device)
         self.step = 0
         self.halvings = 0  # of the learning rates, after divergence
         self.curve: list[tuple[int, float, float]] = []  # step, processor seconds, PSNR in dB
@@ -326,6 +341,14 @@ class _Loop:
             return False
         return max(psnr for _, _, psnr in self.curve) < max(earlier) + GAIN
 
+    def _step(self, progress: float) -> Tensor:
+        """Take one step at the rates that are set, and return its loss."""
+        with self.objective.as_stored(progress):
+            loss = self.objective.loss(self.generator, progress)
+            self.objective.priced(loss).backward()
+        self.optimisers.step()
+        return loss.detach()
+
     def advance(self, end: int) -> None:
         """Step up to `end`, then save the state, or go back to the last good one."""
         total = torch.zeros((), device=self.fit.device)
@@ -333,15 +356,12 @@ class _Loop:
             progress = self.step / self.steps
             if progress >= ROUNDED_FROM:
                 self.objective.round_textures(self.fit, progress)
-            with self.objective.as_stored(progress):
-                loss = self.objective.loss(self.generator, progress)
-                self.objective.priced(loss).backward()
             rates = []
             for group, highest in enumerate(self.highest):
                 share = self.objective.rate(self.step, self.steps, group)
                 rates.append(highest * share / 2**self.halvings)
-            self.optimisers.step(rates)
-            total += loss.detach()  # on the device: asking for the number here would wait for a GPU at each step
+            # On the device: asking for the number here would wait for a GPU at each step.
+            total += self.stepper.take(progress, rates)
             self.step += 1
             if self.step < end and time.perf_counter() - self.shown >= SHOW_SECONDS:
                 self._show()

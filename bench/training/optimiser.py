@@ -13,6 +13,8 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
+from bench.machine.devices import records_graphs
+
 ParameterGroup = dict[str, Any]  # of an optimiser of PyTorch: `params`, `lr` and more
 
 Optimiser = Literal["muon", "adam"]
@@ -46,7 +48,7 @@ class Muon(torch.optim.Optimizer):
     """Steps matrices by their orthogonalised Nesterov momentum, times the root of rows over columns where above 1."""
 
     def __init__(self, groups: Iterable[ParameterGroup]):
-        super().__init__(groups, {"lr": 0.0})  # until `Optimisers.step` sets the rate of each group
+        super().__init__(groups, {"lr": 0.0})  # until `Optimisers.set_rates` sets the rate of each group
         for p in _parameters(self.param_groups):
             self.state[p] = {"momentum": torch.zeros_like(p)}
 
@@ -60,7 +62,11 @@ class Muon(torch.optim.Optimizer):
                 momentum = self.state[p]["momentum"].lerp_(p.grad, 1 - MOMENTUM)  # a running mean of gradients
                 update = orthogonal(p.grad.lerp(momentum, MOMENTUM))  # a step ahead of it, after Nesterov
                 rows, columns = p.shape
-                p.sub_(update, alpha=group["lr"] * max(1.0, rows / columns) ** 0.5)
+                rate = group["lr"] * max(1.0, rows / columns) ** 0.5
+                if isinstance(rate, Tensor):
+                    p.sub_(update * rate)
+                else:
+                    p.sub_(update, alpha=rate)
 
 
 def groups_of(
@@ -113,8 +119,8 @@ class Optimisers:
             names.append(name)
             groups_of_name[name].append({key: value for key, value in group.items() if key != "hidden"})
         if groups_of_name["adam"]:
-            # The rate is 0 until `step`, which sets that of each group.
-            adam = torch.optim.Adam(groups_of_name["adam"], lr=0.0, fused=True)
+            # The rate is 0 until `set_rates` sets that of each group.
+            adam = torch.optim.Adam(groups_of_name["adam"], lr=0.0, fused=True, capturable=records_graphs(device))
             self.optimiser_of_name["adam"] = adam
             # Adam makes its state at the first step; made now, it can be saved and restored before any step.
             for p in _parameters(adam.param_groups):
@@ -128,6 +134,9 @@ class Optimisers:
         # The optimisers' own groups, in the order in which `groups` came: each has its part of them in that order.
         groups_in_turn = {name: iter(optimiser.param_groups) for name, optimiser in self.optimiser_of_name.items()}
         self.groups = [next(groups_in_turn[name]) for name in names]
+        if records_graphs(device):  # a recorded step reads its rates there
+            for group in self.groups:
+                group["lr"] = torch.zeros((), device=device)
 
     @property
     def parameters(self) -> list[nn.Parameter]:
@@ -143,10 +152,21 @@ class Optimisers:
                     tensors[f"{name}.{i}.{key}"] = value
         return tensors
 
-    def step(self, rates: list[float]) -> None:
-        """One step down the gradients, each group at its own rate; then clear the gradients."""
+    def set_rates(self, rates: list[float]) -> None:
+        """Set the learning rate of each group."""
         for group, rate in zip(self.groups, rates, strict=True):
-            group["lr"] = rate
+            if isinstance(group["lr"], Tensor):
+                group["lr"].fill_(rate)
+            else:
+                group["lr"] = rate
+
+    def step(self) -> None:
+        """One step down the gradients, each group at its own rate; then clear the gradients."""
         for optimiser in self.optimiser_of_name.values():
             optimiser.step()
+        self.clear()
+
+    def clear(self) -> None:
+        """Clear the gradients."""
+        for optimiser in self.optimiser_of_name.values():
             optimiser.zero_grad(set_to_none=True)

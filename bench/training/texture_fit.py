@@ -3,7 +3,7 @@
 The network turns latents and two directions into log radiance.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
@@ -15,7 +15,7 @@ from bench.codec import Fit, Parts
 from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material, to_radiance
 from bench.training.decoder import Decoder
-from bench.training.fitting import Loss, Objective, better_start, train
+from bench.training.fitting import Loss, Objective, better_start, phase_by_halves, train
 from bench.training.initial_latents import Start
 from bench.training.inputs import Directions, direction_inputs
 from bench.training.optimiser import Optimiser, ParameterGroup, groups_of
@@ -56,6 +56,10 @@ class TextureObjective(Objective):
 
     network: nn.Module
     texture_rate: ClassVar[str] = "latent_rate"  # the setting that is the texture's highest learning rate
+
+    def phase(self, progress: float) -> Hashable | None:
+        """By halves. A codec whose steps depend on `progress`, or on what the host keeps, otherwise has its own."""
+        return phase_by_halves(progress)
 
     def stored_networks(self) -> list[nn.Module]:
         """The network: the file holds no other."""

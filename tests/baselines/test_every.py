@@ -19,6 +19,7 @@ from bench.training import Samples
 from bench.training import fitting as training
 from tests.baselines.made import CPU, at_tiny_pairs, btf_of, decoded, noise, slices, stored, table
 from tests.baselines.surfaces import bumps
+from tests.tiers import long, short_for
 
 SMALL = {"steps": 10, "batch": 256}
 FEW = {"steps": 10, "texels": 8, "pairs": 8}
@@ -107,11 +108,11 @@ def test_parts_that_do_not_fit_each_other_are_refused(
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        ("hierarchical", SMALL | {"recipe": "paper", "steps": 2}),
+        long("hierarchical", SMALL | {"recipe": "paper", "steps": 2}),
         ("neumip", SMALL),
         ("neuralbtf", {"steps": 5, "batch": 256, "width": 32}),
         ("ntc", {"steps": 5, "batch": 256, "reduction": 2}),
-        ("relief", {"steps": 20, "batch": 256}),
+        long("relief", {"steps": 20, "batch": 256}),
     ],
 )
 @pytest.mark.usefixtures("few_samples")
@@ -122,25 +123,25 @@ def test_pictures_of_any_size_are_fitted(name: str, settings: dict[str, Any], si
 
 
 TRAINED = {"steps": 300, "batch": 512}
-BY_BOTH_RECIPES: list[tuple[str, dict[str, Any]]] = [
-    ("neuralbtf", TRAINED | {"width": 64}),
-    ("ntc", TRAINED | {"reduction": 2}),
-    ("rainer2019", {"steps": 200, "texels": 8, "pairs": 16}),
-    ("triple-plane", TRAINED),
-    ("zeltner2024", TRAINED | {"width": 32, "rate": 1e-2, "latent_rate": 1e-2}),
-]
+SLOW = ("neuralbtf", "rainer2019", "triple-plane")
+BY_BOTH_RECIPES: dict[str, dict[str, Any]] = {
+    "neuralbtf": TRAINED | {"width": 64},
+    "ntc": TRAINED | {"reduction": 2},
+    "rainer2019": {"steps": 200, "texels": 8, "pairs": 16},
+    "triple-plane": TRAINED,
+    "zeltner2024": TRAINED | {"width": 32, "rate": 1e-2, "latent_rate": 1e-2},
+}
 
 
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        ("bcf", TRAINED),
-        ("hierarchical", {"steps": 250, "batch": 512}),
-        *((name, settings | {"recipe": "paper"}) for name, settings in BY_BOTH_RECIPES),
-        *(
-            pytest.param(name, settings | {"recipe": "ours"}, marks=pytest.mark.long)
-            for name, settings in BY_BOTH_RECIPES
-        ),
+        ("ntc", BY_BOTH_RECIPES["ntc"] | {"recipe": "paper"}),
+        ("zeltner2024", BY_BOTH_RECIPES["zeltner2024"] | {"recipe": "paper"}),
+        long("bcf", TRAINED),
+        long("hierarchical", {"steps": 250, "batch": 512}),
+        *(long(name, BY_BOTH_RECIPES[name] | {"recipe": "paper"}) for name in SLOW),
+        *(long(name, settings | {"recipe": "ours"}) for name, settings in BY_BOTH_RECIPES.items()),
     ],
 )
 @pytest.mark.usefixtures("few_samples")
@@ -153,11 +154,11 @@ def test_it_comes_near_the_data(name: str, settings: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        ("hierarchical", {"batch": 64, "patch": 4, "gradient": 0.1}),
+        long("hierarchical", {"batch": 64, "patch": 4, "gradient": 0.1}),
         ("neumip", {"batch": 64, "blur": True}),
         ("rainer2019", {"texels": 2, "pairs": 4, "recipe": "ours"}),
-        ("rainer2019", {"texels": 2, "pairs": 4, "recipe": "paper"}),
-        ("relief", {"batch": 64, "bits": 4}),
+        long("rainer2019", {"texels": 2, "pairs": 4, "recipe": "paper"}),
+        long("relief", {"batch": 64, "bits": 4}),
     ],
 )
 @pytest.mark.usefixtures("few_samples")
@@ -230,7 +231,7 @@ def test_a_material_of_one_colour_is_coded(name: str, settings: dict[str, Any], 
     assert (answer / colour - 1).abs().max() < tolerance
 
 
-@pytest.mark.parametrize("name", ["neumip", "relief"])
+@pytest.mark.parametrize("name", short_for(["neumip", "relief"], "neumip"))
 def test_a_large_footprint_gives_the_mean_of_a_box(name: str) -> None:
     """A checkerboard of texels is grey from afar: a codec without levels would answer black or white."""
     checks = np.indices((8, 8)).sum(0) % 2 * tiny_btf().wi[:, 2, None, None]
@@ -279,7 +280,7 @@ STORES_A_NETWORK = {
 }
 
 
-@pytest.mark.parametrize("name", STORES_A_NETWORK)
+@pytest.mark.parametrize("name", short_for(STORES_A_NETWORK, "neubtf-direct", "zeltner2024"))
 @pytest.mark.usefixtures("few_samples")
 def test_weights_of_eight_bits_are_half_as_large_and_answer_alike(name: str) -> None:
     files, sizes = {}, {}

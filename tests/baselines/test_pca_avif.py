@@ -24,6 +24,7 @@ def test_at_the_best_quality_it_answers_as_pca(tmp_path: Path) -> None:
     assert np.linalg.norm(found - table(btf)) <= 1.1 * error
 
 
+@pytest.mark.long
 def test_a_lower_quality_takes_fewer_bytes_and_answers_worse() -> None:
     btf = tiny_btf()
     sizes = [len(PCAAvif(quality=quality).encode(btf, Fit()).texture["coefficients"]) for quality in (100, 70, 20)]

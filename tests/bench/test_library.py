@@ -101,6 +101,7 @@ def test_ranges_of_pairs_are_slices_and_objects_say_what_they_are(folder):
     assert f"{header.file_bytes:,} bytes" in repr(header)
 
 
+@pytest.mark.long
 def test_a_script_fits_to_a_scene_as_a_run_does(tmp_path, folder):
     """A learned codec, too, whose samples are drawn by the demand."""
     demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
@@ -120,6 +121,7 @@ def test_a_script_fits_to_a_scene_as_a_run_does(tmp_path, folder):
     assert not Path("c.nbtf").exists()
 
 
+@pytest.mark.long
 def test_a_script_searches_the_smallest_file_for_a_scene_as_the_command_does(tmp_path, folder, capsys):
     demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
     words = ["encode", str(folder), "--codec", "pca", "--set", "components=4", "--scene", "scene.npz"]

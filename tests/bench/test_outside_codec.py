@@ -102,6 +102,7 @@ def test_a_new_neural_codec_is_run(tmp_path):
 
 
 @pytest.mark.usefixtures("neural", "decodes_here")
+@pytest.mark.long
 def test_a_new_neural_codec_passes_the_test_and_a_killed_fit_of_it_goes_on(tmp_path):
     assert cli.main(["check", "my-net"]) == 0
     codec = importlib.import_module("my_net_codec").MyNet(steps=400, batch=64, latents=2, width=8)

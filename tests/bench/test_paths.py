@@ -85,6 +85,7 @@ def test_a_studio_comes_from_maps_to_a_shader_and_its_bytes_on_a_gpu(tmp_path, c
     assert "material(" in (tmp_path / "shader" / "maps.glsl").read_text()
 
 
+@pytest.mark.long
 def test_twenty_scattered_pairs_in_a_folder_are_run_and_drawn(tmp_path):
     chosen = np.random.default_rng(0).choice(81, 20, replace=False)
     write_folder(tiny_btf(16).subset(chosen), tmp_path / "own")

@@ -30,6 +30,7 @@ def drawn(folder, *words, out="figure.svg"):
     return path
 
 
+@pytest.mark.long
 def test_a_users_settings_of_matplotlib_reach_no_figure_and_no_report(folder, users_settings):
     def report_and_figures():
         assert cli.main(["report", str(folder)]) == 0

@@ -19,6 +19,7 @@ from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
 from bench.inputs.errors import InputError
+from tests.tiers import short_for
 
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
 
@@ -100,7 +101,7 @@ def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
     assert len(open_btf(tmp_path / "four")) == 4
 
 
-@pytest.mark.parametrize("codec", ["neubtf-direct", "neumip", "relief", "pca"])
+@pytest.mark.parametrize("codec", short_for(["neubtf-direct", "neumip", "relief", "pca"], "neumip", "pca"))
 def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, codec, capsys):
     file, steps = str(tmp_path / "a.nbtf"), [] if codec == "pca" else ["--set", "steps=2"]
     assert cli.main(["encode", str(folder), "--codec", codec, *steps, "-o", file]) == 0
@@ -296,6 +297,7 @@ def test_without_a_command_all_are_listed_in_groups_on_one_screen(capsys):
     assert all(re.search(rf"^  {name} +\w", out, re.M) for name in commands.modules())
 
 
+@pytest.mark.long
 def test_a_file_in_the_place_of_a_folder_is_one_line_that_names_it_and_exit_code_2(
     tmp_path, folder, monkeypatch, capsys
 ):
@@ -370,6 +372,7 @@ def test_no_command_writes_over_a_file_of_another_kind(tmp_path, folder, monkeyp
     assert [path.name for path in Path("shader").iterdir()] == ["README.md"]
 
 
+@pytest.mark.long
 def test_a_file_of_the_same_kind_is_replaced_by_its_name_or_its_content(tmp_path, folder, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "a.nbtf"]) == 0

@@ -17,7 +17,7 @@ from bench.conformance.emulated import counted
 from bench.data.materials import load
 from bench.directions.hemisphere import uniform
 from bench.inputs.errors import InputError
-from bench.training import fitting, optimiser
+from bench.training import fitting, optimiser, replay
 from bench.training.decoder import Architecture, Decoder
 from tests.tiers import short_for
 
@@ -69,7 +69,7 @@ def test_every_codec_has_its_recipes_tried() -> None:
     assert {"neubtf paper", "neumip paper", "pca"} <= {*RECIPES}
 
 
-@pytest.mark.parametrize("called", short_for(RECIPES, "bcf", "neubtf-direct", "neubtf paper", "pca"))
+@pytest.mark.parametrize("called", short_for(RECIPES, "bcf", "neubtf-direct", "pca"))
 def test_a_codec_fits_and_answers_on_a_gpu_as_on_the_cpu(
     called: str, gpu: torch.device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -136,11 +136,12 @@ def test_kernels_waits_and_bytes_do_not_grow(
 ) -> None:
     totals, step = list[tuple[int, ...]](), optimiser.Optimisers.step
 
-    def noted(self: optimiser.Optimisers, rates: list[float]) -> None:
-        step(self, rates)
+    def noted(self: optimiser.Optimisers) -> None:
+        step(self)
         totals.append((traffic.kernels.total(), traffic.waits.total(), traffic.copied))
 
     monkeypatch.setattr(optimiser.Optimisers, "step", noted)
+    monkeypatch.setattr(replay, "records_graphs", lambda device: False)  # a replay is one kernel to this count
     kind, btf = load_codec(name), material_for(name)
     few = {"steps": 8, "batch": 32, "explore": 1.0}  # a guided step of neubtf shows a slice, whose picture is made anew
     codec = kind(**{key: value for key, value in few.items() if key in settings_dict(kind())})

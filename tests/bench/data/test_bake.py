@@ -219,6 +219,7 @@ def test_what_is_not_recognised_is_a_warning(tmp_path, caplog):
     assert "the surface is flat" in caplog.text
 
 
+@pytest.mark.long
 def test_bake_info_and_run_agree_on_a_folder_of_maps(tmp_path, capsys):
     alone = save(tmp_path / "alone", w_albedo=flat((0.5,) * 3))
     btf = save(tmp_path / "btf", w_albedo=flat((0.5,) * 3), w_rough=flat(0.5))

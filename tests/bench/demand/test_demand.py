@@ -226,6 +226,7 @@ def test_every_scene_that_ships_sees_its_material(name):
     assert summarise(demand).coverage > 0.1
 
 
+@pytest.mark.long
 def test_encode_collects_the_demand_of_a_scene_writes_it_beside_and_draws_it(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("bench.cli.commands._scene.QUERIES", 2000)
     words = ["encode", "satin", "--codec", "mean-colour", "-o", str(tmp_path / "a.nbtf")]

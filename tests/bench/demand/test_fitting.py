@@ -201,6 +201,7 @@ def test_a_search_finds_the_smallest_that_does_as_well_as_the_full_model(tmp_pat
     assert "pairs lie around its directions" in result.why
 
 
+@pytest.mark.long
 def test_a_target_is_met_or_the_best_is_given(tmp_path):
     looking = search(tmp_path, demand_of(NEAR), PCA(components=8))
     low = looking.run(Goal(psnr=15.0))

@@ -14,6 +14,7 @@ from bench.runs.suite import load_suite
 GROUPS = {"new view", "new light", "both new"}
 
 
+@pytest.mark.long
 def test_with_nothing_held_out_all_pairs_are_fitted_and_decide(
     tmp_path: Path, brief: None, undrawn: None, untimed: None, capsys: pytest.CaptureFixture[str]
 ) -> None:

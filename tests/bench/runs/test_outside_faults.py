@@ -83,6 +83,7 @@ def ran(*codecs, fresh=False):
     return {job["codec"]: job for job in load_run("run").jobs}
 
 
+@pytest.mark.long
 def test_a_codec_that_ends_its_process_in_the_fit_is_a_failed_job_and_the_others_go_on():
     jobs = ran("quits", "ends", "crashes", "mean-colour")
     assert jobs["mean-colour"]["status"] == "ok"

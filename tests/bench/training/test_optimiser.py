@@ -58,7 +58,8 @@ def test_each_group_is_stepped_at_its_own_rate_in_the_order_it_was_given() -> No
     assert [id(p) for p in optimisers.parameters] == [id(a), id(b), id(c)]
     for p in (a, b, c):
         p.grad = torch.eye(3)
-    optimisers.step([0.0, 0.5, 0.0])
+    optimisers.set_rates([0.0, 0.5, 0.0])
+    optimisers.step()
     moved = [not torch.equal(p.detach(), torch.eye(3)) for p in (a, b, c)]
     assert moved == [False, True, False]
     assert [p.grad for p in (a, b, c)] == [None] * 3
@@ -72,7 +73,8 @@ def test_their_state_is_all_that_is_needed_to_go_on() -> None:
     def step(network: Decoder, optimisers: Optimisers, seed: int) -> None:
         x = torch.randn(64, 5, generator=torch.Generator().manual_seed(seed))
         network(x).square().mean().backward()
-        optimisers.step(optimisers.highest)
+        optimisers.set_rates(optimisers.highest)
+        optimisers.step()
 
     def everything(network: Decoder, optimisers: Optimisers) -> dict[str, Tensor]:
         return {**network.state_dict(), **optimisers.tensors()}

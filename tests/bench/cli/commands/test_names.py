@@ -47,6 +47,7 @@ def test_of_a_file_that_is_shown_encoded_scored_and_exported(hostile, capsys):
     said(capsys)
 
 
+@pytest.mark.long
 def test_of_a_material_that_is_chosen_for(hostile, tmp_path, brief_trade, capsys):
     (tmp_path / "own.toml").write_text('materials = []\ndata = {validation = true}\ncodecs = [{codec = "pca"}]\n')
     words = ["choose", hostile, "--suite", "own.toml", "--out", f"r{NAME}", "-o", f"{NAME}.nbtf"]

@@ -52,6 +52,7 @@ def test_its_radiance_is_the_materials(file, tmp_path):
     np.testing.assert_allclose(answered(tmp_path / "wide.nbtf", uv, wo, wi, repeat=2.0), wanted, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.long
 def test_a_back_is_black_or_mirrors_the_front(file):
     uv, wo, wi = queries(200)
     wo[:, 2], wi[:, 2] = -abs(wo[:, 2]), -abs(wi[:, 2])

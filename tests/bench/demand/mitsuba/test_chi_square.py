@@ -98,7 +98,7 @@ def test_chi_square(codec, tmp_path, record_property, request):
 FITTED = "mean-colour hsh neumip neuralbtf neubtf-direct relief bcf rainer2019 zeltner2024 ntc triple-plane"
 
 
-@pytest.mark.parametrize("codec", short_for(FITTED.split(), "neubtf-direct", "relief"))
+@pytest.mark.parametrize("codec", short_for(FITTED.split(), "neubtf-direct"))
 def test_a_weight_is_the_answer_over_the_density(codec, tmp_path):
     subject, count = subject_of(load_codec(codec), tmp_path), 2000
     subject.encode(opened("satin"), **({"steps": 10} if subject.fits else {}))

@@ -58,6 +58,7 @@ def test_a_fit_finds_a_highlight_and_lessens_the_noise():
     assert noise(rough, fitted(rough, cells=1, steps=150).float()).total <= 1.2
 
 
+@pytest.mark.long
 def test_the_command_adds_a_part_and_changes_no_answer(tmp_path, capsys):
     file, out = tmp_path / "a.nbtf", tmp_path / "b.nbtf"
     bench.encode(bench.open("satin", size=8, views=9, lights=9, heldout=4), "pca", file, components=2)

@@ -46,6 +46,7 @@ def test_a_black_picture_has_no_noise():
         noise._figures(np.zeros((3, 2, 2, 3)), 1.0, 4)
 
 
+@pytest.mark.long
 def test_a_light_is_drawn_too(file):
     """A sun that the material hardly finds by itself is found from the light: lobes change little."""
     cosine, lobes = measured(file, [None, NARROW], 4, scene="plane, low sun")

@@ -108,6 +108,7 @@ def test_a_ball_is_the_one_that_the_suite_renders(codec, btf, tmp_path):
     assert abs(ours.mean() / theirs.mean() - 1) < 0.01
 
 
+@pytest.mark.long
 def test_a_ball_of_mitsuba_wears_the_mirrored_material(btf, tmp_path):
     """Its v runs down and its u starts behind: texture and relief lie mirrored, and are lit as what they show."""
     file = tmp_path / "a.nbtf"

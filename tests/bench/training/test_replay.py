@@ -1,0 +1,93 @@
+"""Steps that are replayed as graphs, on an emulated GPU: the same files as step by step."""
+
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from bench.codec import Fit, Parts, settings_dict
+from bench.codecs import shared
+from bench.codecs.registry import load_codec
+from bench.data.materials import load
+from bench.training import replay
+from neubtf.direct import Direct
+from tests.tiers import short_for
+
+SMALL = {"steps": 10, "batch": 32, "patch": 2, "channels": 2, "latents": 2, "fine": 2, "coarse": 2, "texels": 8}
+SETTINGS: dict[str, dict[str, Any]] = {  # of every codec whose steps are replayed
+    "bcf": {},
+    "biplane": {},
+    "hierarchical": {},
+    "neubtf-direct": {"half": 2, "offset": 4, "loss": "display", "weights": "int8"},
+    "neumip": {"weights": "int8"},
+    "neuralbtf": {},
+    "ntc": {"rounding": "noise"},
+    "rainer2019": {},
+    "relief": {"relief": False},
+    "triple-plane": {},
+    "zeltner2024": {},
+}
+
+
+@pytest.fixture
+def kinds(monkeypatch: pytest.MonkeyPatch) -> dict[Any, replay.Program]:
+    """The kinds of steps of all fits of a test."""
+    found = dict[Any, replay.Program]()
+    take = replay.Steps.take
+
+    def noted(self: replay.Steps, progress: float, rates: list[float]) -> Tensor:
+        loss = take(self, progress, rates)
+        found.update(self.programs)
+        return loss
+
+    monkeypatch.setattr(replay.Steps, "take", noted)
+    return found
+
+
+def fitted(name: str, device: torch.device) -> Parts:
+    kind = load_codec(name)
+    settings = {key: value for key, value in SMALL.items() if key in settings_dict(kind())}
+    codec = kind(**settings | SETTINGS[name])
+    btf = load("cable-knit", 8, views=5, lights=5, heldout=0)
+    return codec.encode(btf, Fit(device=device, network=shared.find_for(codec)))
+
+
+def step_by_step(name: str, device: torch.device, monkeypatch: pytest.MonkeyPatch) -> Parts:
+    with monkeypatch.context() as patched:
+        patched.setattr(replay, "records_graphs", lambda device: False)
+        return fitted(name, device)
+
+
+def require_equal(ours: Parts, theirs: Parts) -> None:
+    for part in ("decoder", "texture", "other"):
+        torch.testing.assert_close(getattr(ours, part), getattr(theirs, part), rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("name", short_for(SETTINGS, "neubtf-direct"))
+def test_replayed_steps_give_the_same_file(
+    name: str, gpu: torch.device, kinds: dict[Any, replay.Program], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours = fitted(name, gpu)
+    replayed = {phase for (phase, _), program in kinds.items() if program.replay is not None}
+    assert len(replayed) == 2  # both halves of the fit
+    require_equal(ours, step_by_step(name, gpu, monkeypatch))
+
+
+@pytest.mark.parametrize("fault", ["waits", "changes numbers on the host"])
+def test_a_step_that_cannot_be_recorded_is_taken_without_a_graph(
+    fault: str, gpu: torch.device, kinds: dict[Any, replay.Program], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loss = Direct.loss
+
+    def changed(self: Direct, generator: torch.Generator, progress: float) -> Tensor:
+        found = loss(self, generator, progress)
+        if fault == "waits":
+            return found * (1 if found.isfinite() else 0)
+        noise = torch.rand(2, generator=generator) * 2
+        return found * noise.to(found.device).mean()
+
+    monkeypatch.setattr(Direct, "loss", changed)
+    ours = fitted("neubtf-direct", gpu)
+    assert not any(program.replay for program in kinds.values())
+    require_equal(ours, step_by_step("neubtf-direct", gpu, monkeypatch))
