@@ -19,6 +19,7 @@ from bench.compare.ranks import Ranks, ranks
 from bench.compare.statistics import FEWEST
 from bench.records import MOST_DB, Run
 from reports.curves import curves_tables
+from reports.notes import about_times
 from reports.numbers import NONE, fixed, significant
 from reports.of_rungs import (
     CODEC,
@@ -46,9 +47,10 @@ from reports.rungs import (
     median_over,
     rungs_of,
 )
-from reports.table import Table
+from reports.table import Note, Table
 from reports.values import Column, Row, written
 
+_LEAD = {"lead", "95 % interval", "ahead"}  # names of columns of the lead, which notes are about
 _TIED = 3  # codecs with the same number that a cell names
 _WITHIN = (
     "Within a size: read off the curve of the rungs that validation pairs choose, at its end if it ends before; "
@@ -81,15 +83,18 @@ def front_table(run: Run) -> Iterator[Table]:
         Column("time", "× floor ↓", "time", -3),
     ]
     title = f"At {in_words(ENOUGH)}: test PSNR, medians over {', '.join(rungs.surfaces)}"
-    notes = ["Pooled: of the squared error of all slices of a surface together, median over all surfaces."]
-    notes += [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over all surfaces.", *lead_notes(values)]
+    pooled = "Pooled: of the squared error of all slices of a surface together, median over all surfaces."
+    lead = f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over all surfaces."
+    notes: list[str] = [Note((pooled, {"pooled"}.__contains__))]
+    notes += [Note((text, _LEAD.__contains__)) for text in (lead, *lead_notes(values))]
     for leader, names in absent.items():
         notes.append(f"No best is marked on {', '.join(names)} surfaces: {why_absent(leader)}.")
     if EAGER in rungs.times:
-        notes.append(
+        time = (
             "Time: eager, of the files between which PSNR is read off, in the same shares; a median over the surfaces "
             "where they were timed."
         )
+        notes.append(about_times(time))
     yield written("front", title, values, columns, [*notes, READ, *common_notes(run, rungs)])
 
 

@@ -62,9 +62,13 @@ def quality_notes(material: MaterialRows) -> list[str]:
         pairs = f"the {job['split']} pairs"
     else:
         pairs = "the held-out pairs"
-    # “train” names the column of training pairs.
-    text = f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, as a mean over slices."
-    return [Note(about_quality(text)), *recipe_notes([material]), *_metrics(material), *common_notes(material)]
+    defined = Note(
+        about_quality(f"Quality is measured at {pairs}"),
+        (" (“train”: training pairs)", {"train", "PSNR train"}.__contains__),
+        about_quality(", decoded from the file, as a mean over slices."),
+        around=("", "", ""),
+    )
+    return [defined, *recipe_notes([material]), *_metrics(material), *common_notes(material)]
 
 
 def recipe_notes(materials: Iterable[MaterialRows]) -> list[str]:

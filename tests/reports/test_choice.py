@@ -42,6 +42,14 @@ def test_columns_stand_in_the_order_given_and_are_renamed(folder):
     assert "vq" not in table_text(folder, "csv", "main", Choice(columns=["time ns ↓"])), "its cells are empty there"
 
 
+def test_a_note_on_a_column_that_is_not_chosen_is_left_out(folder):
+    assert "training pairs)" in table_text(folder, "text", "main")
+    assert "training pairs)" in table_text(folder, "text", "main", Choice(columns=["PSNR", "PSNR train"]))
+    alone = table_text(folder, "text", "main", Choice(columns=["PSNR"]))
+    assert "decoded from the file, as a mean over slices." in alone
+    assert "“train”" not in alone
+
+
 def test_a_codec_or_column_that_is_not_there_is_an_error_that_says_which_are(folder, capsys):
     with pytest.raises(InputError, match="--codec pcb: this run does not have it; did you mean 'pca'"):
         table_text(folder, choice=Choice(["pcb"]))
