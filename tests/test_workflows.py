@@ -47,12 +47,6 @@ def test_a_workflow_runs_what_a_developer_can_run(path: Path) -> None:
     assert {*re.findall(r"tox==\S+", text)} <= {*re.findall(r"tox==\S+", SCRIPTS[0].read_text(encoding="utf-8"))}
 
 
-def test_the_workflow_of_quality_is_the_one_of_the_page() -> None:
-    shown = re.search(r"^```yaml\n(.*?)^```$", (ROOT / "docs" / "ci.md").read_text(encoding="utf-8"), re.M | re.S)
-    assert shown
-    assert (ROOT / ".github" / "workflows" / "quality.yml").read_text(encoding="utf-8") == shown[1]
-
-
 def test_every_environment_has_a_description() -> None:
     for name, text in environments().items():
         assert re.search(rf"^(?:description = |{name}: )\w", text, re.M), name
