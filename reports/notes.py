@@ -83,10 +83,12 @@ def cost_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the columns of size and time."""
     if material.first is None:
         return []
-    text = (
-        "Bytes are those of the whole file; “other” includes the header. They may differ by a few between processors."
+    bytes_note = Note(
+        ("Bytes are those of the whole file", _BYTES.__contains__),
+        ("; “other” includes the header", {"other"}.__contains__),
+        (". They may differ by a few between processors.", _BYTES.__contains__),
+        around=("", "", ""),
     )
-    bytes_note = Note((text, _BYTES.__contains__))
     shared_notes = []  # on codecs whose files also need the file of a network
     rows_with_shared = [row for row in material.measured if "shared" in row.job["bytes"]]
     by_size = grouped(rows_with_shared, lambda row: row.job["bytes"]["shared"])
