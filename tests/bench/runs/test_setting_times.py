@@ -242,6 +242,6 @@ def test_variants_are_timed_on_an_emulated_gpu_too(tmp_path, short_variants, mon
     first = next(record for record in found if record["execution"] == "eager")
     assert of_gpu.values is not None
     row = of_gpu.values.iloc[0]
-    assert row["rate"] == pytest.approx(first["read_bytes"] / first["ns_per_sample"], rel=1e-3)
+    assert row["read"] == pytest.approx(first["read_bytes"] / first["ns_per_sample"], rel=1e-3)
     assert row["memory"] == 3
     assert row["energy"] == pytest.approx(200 * first["ns_per_sample"], rel=1e-3)
