@@ -36,12 +36,12 @@ def times_tables(run: Run) -> Iterator[Table]:
 
 
 def variant_tables(run: Run, kind: str) -> Iterator[Table]:
-    """Up to three tables, as tables of a kind ("times" or "trade"): settings in each execution and precision, settings
-    over batches, and steps of fits."""
+    """Up to four tables, as tables of a kind ("times" or "trade"): settings in each execution and precision, what these
+    take of a GPU besides time, settings over batches, and steps of fits."""
     # Only timings of settings in each execution and precision are compared with float64.
     variants = [timing for timing in run.timings if "of_tolerance" in timing]
     steps = [timing for timing in run.timings if timing["execution"] == "fit step"]
-    for table in (*_variants(run, variants), *_batches(variants), *_fits(run, steps)):
+    for table in (*_variants(run, variants), *_of_gpu(variants), *_batches(variants), *_fits(run, steps)):
         yield replace(table, kind=kind)
 
 
@@ -100,6 +100,28 @@ def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
     )
     title = f"Executions and precisions: {shared_by_all}"
     yield written("times", title, pd.DataFrame(rows), columns, [note])
+
+
+def _of_gpu(timings: list[Timing]) -> Iterator[Table]:
+    """A table of bytes read, memory and energy, with a row a setting, execution and precision; none without a GPU."""
+    rows = []
+    for timing in timings:
+        if "read_bytes" in timing and timing["batch"] == usual_batch(timings):
+            ns = timing["ns_per_sample"]
+            row: dict[str, Any] = {"setting": _setting(timing["label"]), "variant": _variant(timing)}
+            row |= {"rate": timing["read_bytes"] / ns}  # bytes a ns are gigabytes a second
+            row |= {"memory": timing.get("memory", nan) / 2**20}
+            row |= {"energy": timing.get("watts", nan) * ns}  # a watt for a ns is a nanojoule
+            rows.append(row)
+    if not rows:
+        return
+    columns = [Column("setting", "", "setting"), Column("variant", "", "variant")]
+    columns += [Column("read", "GB/s", "rate", -3, ranked=False), Column("memory", "MiB ↓", "memory", -3, ranked=False)]
+    columns += [Column("energy", "nJ a sample ↓", "energy", -3, ranked=False)]
+    note = (
+        "Read: what a sample must read, over its time. Memory: at most, of PyTorch's tensors. Energy: of the whole GPU."
+    )
+    yield written("times", "Of the GPU besides time", pd.DataFrame(rows), columns, [note], words=2)
 
 
 def _setting(label: str) -> str:

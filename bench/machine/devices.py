@@ -1,13 +1,17 @@
 """Tells GPUs from CPUs, by whatever name PyTorch knows them; imports PyTorch only where it must ask it."""
 
 import re
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.inputs.errors import InputError
 
 if TYPE_CHECKING:
     import torch
+
+LOADED_SECONDS = 0.5  # before a GPU's power is read: drivers average over some tenths of a second
 
 
 def is_gpu(device: "torch.device | str") -> bool:
@@ -27,6 +31,22 @@ def records_graphs(device: "torch.device") -> bool:
     import torch
 
     return hasattr(torch.get_device_module(device), "CUDAGraph")
+
+
+def watts(device: "torch.device", call: Callable[[], Any]) -> float | None:
+    """The power that a GPU draws while it repeats a call, as its driver tells it; None where it tells none."""
+    import torch
+
+    module = torch.get_device_module(device)
+    if not hasattr(module, "power_draw"):
+        return None
+    end = time.monotonic() + LOADED_SECONDS
+    while time.monotonic() < end:
+        call()
+    try:
+        return float(module.power_draw(device)) / 1000  # it tells milliwatts
+    except (ImportError, RuntimeError):  # NVIDIA's needs the package `nvidia-ml-py`
+        return None
 
 
 def require_present(name: str, option: str) -> None:

@@ -349,6 +349,9 @@ class Timing(Open, total=False):
     rounds: Annotated[list[Positive], RESULTS | APART]  # × floor, in each round on each surface
     limit_ns: Annotated[NotNegative, RESULTS | APART]  # of a sample, by the machine's ceilings
     of_tolerance: Annotated[NotNegative, RESULTS | APART]  # largest difference from float64, over what is allowed
+    read_bytes: Annotated[Count, RESULTS | APART]  # of a sample, on a GPU
+    memory: Annotated[Count, RESULTS | APART]  # of the GPU, at most, while it answers the batch
+    watts: Annotated[NotNegative, RESULTS | APART]  # that the GPU draws meanwhile
     floor_ns: Positive
     samples_ns: Annotated[Free, APART]
     floor_ratios: Annotated[Free, APART]

@@ -17,6 +17,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import cycle, islice
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
@@ -57,7 +58,7 @@ def in_process() -> Iterator[Workers]:
 
 @contextmanager
 def processes(count: int, threads: int, device: str = "cpu", limit: float | None = None) -> Iterator[Workers]:
-    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one GPU each. A job
+    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one each in turn. A job
     that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`."""
     if limit is not None and not 0 < limit < math.inf:
         raise InputError(f"--max-seconds {limit:g}: must be above 0 and finite; leave it out for no limit")
@@ -67,7 +68,7 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
     gpus: list[dict[str, str]] = []
     if is_gpu(device):
         if numbered:
-            raise InputError(f"--device {device}: with --jobs each job has its own GPU: give --device {kind}")
+            raise InputError(f"--device {device}: with --jobs each job has one of the GPUs: give --device {kind}")
         gpus = _gpus(count, device)
     pool = Processes(count, threads, gpus, limit)
     try:
@@ -307,13 +308,14 @@ def _prepare_worker(threads: int, gpu: dict[str, str], leash: Connection, told: 
 
 
 def _gpus(count: int, device: str) -> list[dict[str, str]]:
-    """For each of `count` jobs, the environment variable that gives its process its own GPU, by name and value.
+    """For each of `count` jobs, the environment variable that gives its process a GPU, by name and value.
 
-    If the variable is set already, as a cluster's scheduler does, only the GPUs that it names are handed out.
+    If the variable is set already, as a cluster's scheduler does, only the GPUs that it names are handed out. More jobs
+    than GPUs share them: fits of small networks leave most of a GPU idle.
     """
     variable = VISIBLE.get(device)
     if variable is None:
-        raise InputError(f"--jobs {count}: no variable gives a process its own {device}: leave --jobs out")
+        raise InputError(f"--jobs {count}: no variable gives a process a {device} of its own: leave --jobs out")
     visible = os.environ.get(variable)  # names of GPUs, with commas between
     if visible is None:
         import torch
@@ -321,6 +323,6 @@ def _gpus(count: int, device: str) -> list[dict[str, str]]:
         names = [str(index) for index in range(torch.get_device_module(device).device_count())]
     else:
         names = [name.strip() for name in visible.split(",") if name.strip()]
-    if len(names) < count:
-        raise InputError(f"--jobs {count}: each job needs its own GPU, and there are {len(names)}: give fewer jobs")
-    return [{variable: name} for name in names[:count]]
+    if not names:
+        raise InputError(f"--jobs {count}: {variable} names no GPU: leave it unset, or name one")
+    return [{variable: name} for name in islice(cycle(names), count)]

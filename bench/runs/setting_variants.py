@@ -13,10 +13,12 @@ import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
+from torch import Tensor
 
 from bench import records, timing
 from bench.codec import Codec, Fit, Progress, settings_dict, silent
@@ -27,7 +29,8 @@ from bench.data.open import open_material
 from bench.demand.mitsuba import load_path_tracer
 from bench.files import atomic
 from bench.inputs.errors import InputError
-from bench.machine.devices import is_gpu
+from bench.machine.devices import is_gpu, watts
+from bench.machine.memory import forget_peak, peak_bytes
 from bench.material import Material
 from bench.records import Ceiling, Run, RunStart, Timing, load_run
 from bench.records.schema import setting_name
@@ -36,7 +39,7 @@ from bench.runs.setting_times import decoded_settings, new_run, start_of, surfac
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.timing import Queries, native
 from bench.timing.execution import DTYPES, TOLERANCES, Variant, exists_on, networks, prepared
-from bench.timing.profile import least_ns, roofline
+from bench.timing.profile import least_ns, read_bytes, roofline
 
 log = logging.getLogger(__name__)
 
@@ -159,6 +162,7 @@ class _Measuring:
             row |= {"batch": batch, "execution": variant.execution, "dtype": variant.precision}
             row |= {"of_tolerance": of_tolerance, "limit_ns": least_ns(ready, variant.precision, self.ceilings)}
             row |= measured[name].summary()
+            row |= _drawn_from_gpu(ready, queries.draw(material.size, self.device), variant.precision)
             rows.append(row)
         self.record(rows)
 
@@ -212,6 +216,25 @@ class _Measuring:
             records.append(self.folder, row_of_run)
             self.found.append(row)
             self.done.add(row["job"])
+
+
+def _drawn_from_gpu(ready: Material, batch: tuple[Tensor, ...], precision: str) -> Timing:
+    """What a query of a batch takes of a GPU besides time: the bytes that a sample reads, the most memory that is held,
+    and the power; without what nobody tells."""
+    found: Timing = {}
+    if not is_gpu(ready.device):
+        return found
+    found["read_bytes"] = read_bytes(ready.cost, precision)
+    call = partial(ready.query, *batch)
+    if forget_peak(ready.device):
+        call()
+        held = peak_bytes(ready.device)
+        if held is not None:
+            found["memory"] = held
+    drawn = watts(ready.device, call)
+    if drawn is not None:
+        found["watts"] = drawn
+    return found
 
 
 class _Compared(NamedTuple):

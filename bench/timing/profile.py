@@ -149,11 +149,15 @@ def rates(product_ns: float, copy_ns: float, device: torch.device) -> tuple[floa
 def least_ns(material: Material, precision: str, ceilings: list[Ceiling]) -> float:
     """The fewest ns a sample that ceilings allow a material in a precision: short types read fewer bytes, and may
     multiply faster."""
-    # `cost` counts bytes of float32, which has four.
-    share_of_bytes = DTYPES[precision].itemsize / 4
-    cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * share_of_bytes))
+    cost = replace(material.cost, bytes_per_sample=read_bytes(material.cost, precision))
     usable = {"float32", precision}  # a short type may be widened, where that is quicker
     return min(limit_ns(cost, ceiling) for ceiling in ceilings if ceiling["dtype"] in usable)
+
+
+def read_bytes(cost: DecoderCost, precision: str) -> int:
+    """The bytes that a sample reads in a precision."""
+    # `cost` counts bytes of float32, which has four.
+    return round(cost.bytes_per_sample * DTYPES[precision].itemsize / 4)
 
 
 def limit_ns(cost: DecoderCost, ceiling: Ceiling) -> float:

@@ -67,7 +67,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     scene_options(parser, "choose by the PSNR of the frames of a scene (--min-psnr is then theirs)")
     several(parser, "--codec", "fit and choose only this codec; repeatable")
     add("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
-    jobs = "how many fits at once, each in its own process (and on its own GPU); "
+    jobs = "how many fits at once, each in its own process (and on one of the GPUs); "
     jobs += "0: as many as the cores allow (default: 1)"
     add("--jobs", type=int, default=1, metavar="N", help=jobs)
     add("--suite", default="trade", help="the suite whose settings are fitted if missing (default: trade)")

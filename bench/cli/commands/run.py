@@ -46,7 +46,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=seed_option, action="append", default=[], metavar="SEED", help=only)
     add("--fresh", action="store_true", help="fit and score finished jobs again")
     add("--retry-failed", action="store_true", help="try failed jobs again")
-    jobs = "how many jobs at once, each in its own process (and on its own GPU); "
+    jobs = "how many jobs at once, each in its own process (and on one of the GPUs); "
     jobs += "0: as many as the cores allow (default: 1)"
     add("--jobs", type=int, default=1, metavar="N", help=jobs)
     add("--max-seconds", type=float, metavar="S", help="a job that takes longer fails (default: no limit)")

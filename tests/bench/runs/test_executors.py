@@ -78,19 +78,20 @@ def test_workers_have_the_threads_of_the_suite_and_do_not_hear_ctrl_c():
     assert signal.getsignal(signal.SIGINT) == before
 
 
-def test_each_worker_has_a_gpu_of_its_own(monkeypatch):
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5, 7,9")
+@pytest.mark.parametrize(("visible", "given"), [("5, 7,9", ["5", "7"]), ("5", ["5", "5"])])
+def test_workers_have_gpus_in_turn(visible, given, monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
     with processes(2, 1, "cuda") as workers:
         seen = [workers.executor.submit(os.getenv, "CUDA_VISIBLE_DEVICES") for _ in range(2)]
-        assert [future.result() for future in seen] == ["5", "7"]
+        assert [future.result() for future in seen] == given
 
 
 @pytest.mark.parametrize(
     ("count", "device", "message"),
-    [(0, "cpu", "at least 1"), (4, "cuda", "there are 3"), (2, "cuda:1", "give --device cuda")],
+    [(0, "cpu", "at least 1"), (4, "cuda", "names no GPU"), (2, "cuda:1", "give --device cuda")],
 )
 def test_workers_that_cannot_be_had_are_refused(count, device, message, monkeypatch):
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,7,9")
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
     with pytest.raises(InputError, match=message):
         processes(count, 1, device).__enter__()
 

@@ -18,6 +18,7 @@ from bench.runs.setting_times import Entry, time_settings
 from bench.runs.suite import parse_suite
 from bench.timing import BATCH
 from reports import table_text
+from reports.times import times_tables
 
 SUITE = """
 materials = ["satin", "cable-knit"]
@@ -229,7 +230,18 @@ def test_an_answer_that_is_off_is_told(timed):
 def test_variants_are_timed_on_an_emulated_gpu_too(tmp_path, short_variants, monkeypatch, gpu):
     monkeypatch.setattr("bench.timing.GPU_BATCH", 64)
     monkeypatch.setattr("bench.timing.SPAN_NS", 1000)
+    monkeypatch.setattr("bench.machine.devices.LOADED_SECONDS", 0.01)
+    told = {"reset_peak_memory_stats": 0, "max_memory_allocated": 3 << 20, "power_draw": 200_000}  # bytes, milliwatts
+    for name, number in told.items():
+        monkeypatch.setattr(torch.get_device_module(gpu), name, lambda device, n=number: n, raising=False)
     small = SUITE.replace("components = [1, 2]", "components = 1").replace('"satin", "cable-knit"', '"satin"')
     found = setting_variants.time_variants(parse_suite("small", small), tmp_path / "times", str(gpu), 5.0)
     assert {record["execution"] for record in found} == {"eager", "fit step"}
     assert {record["device"] for record in found} == {str(gpu)}
+    of_gpu = next(table for table in times_tables(load_run(tmp_path / "times")) if "besides" in table.title)
+    first = next(record for record in found if record["execution"] == "eager")
+    assert of_gpu.values is not None
+    row = of_gpu.values.iloc[0]
+    assert row["read"] == pytest.approx(first["read_bytes"] / first["ns_per_sample"], rel=1e-3)
+    assert row["memory"] == 3
+    assert row["energy"] == pytest.approx(200 * first["ns_per_sample"], rel=1e-3)
