@@ -1,11 +1,12 @@
-"""The differences between the shading languages that the generator writes: GLSL, HLSL and WGSL.
+"""The differences between the shading languages that the generator writes: GLSL, HLSL, WGSL and Slang.
 
 A dialect holds templates for `str.format`: {name} is filled in, and {{ stands for a brace of the shader. Every dialect
 reads the two textures of constants by the same three functions: `exactRow(i)` and `halfRow(i)` return the four floats
 of texel i, `exactOne(i)` returns float i. The textures have {width} texels a row.
 """
 
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
 
 Words = dict[str, str]
 
@@ -114,4 +115,8 @@ fn exactOne(i: i32) -> f32 {{
     calls={"inversesqrt": "inverseSqrt"},
 )
 
-DIALECTS = {dialect.name: dialect for dialect in (GLSL, HLSL, WGSL)}
+# Slang reads HLSL. `register` binds for Direct3D; for Vulkan, Slang asks for `vk::binding`.
+BOUND = re.sub(r"(Texture2D.* register\(t(\d)\))", r"[[vk::binding(\2)]] \1", HLSL.prologue)
+SLANG = replace(HLSL, name="slang", prologue=BOUND)
+
+DIALECTS = {dialect.name: dialect for dialect in (GLSL, HLSL, WGSL, SLANG)}

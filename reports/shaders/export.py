@@ -1,7 +1,7 @@
 """Writes a material as a shader for a renderer: the function, its two textures, and a page of conventions.
 
 The texture `exact` holds 32-bit floats, `half` 16-bit ones; both are pictures of RGBA whose texels the function reads
-by number.
+by number. In Slang the layers of a network are a third file, the content of a buffer.
 """
 
 from importlib.metadata import version
@@ -14,7 +14,7 @@ import OpenEXR
 from bench.files.atomic import begins, make_folder, refuse_other_kind, replacing, write
 from bench.inputs.errors import InputError
 from bench.program import Program
-from reports.shaders.dialects import DIALECTS, GLSL
+from reports.shaders.dialects import DIALECTS, GLSL, SLANG
 from reports.shaders.generator import Shader, shader
 
 README = """# {name} as {language}
@@ -27,7 +27,7 @@ README = """# {name} as {language}
 | `exact.exr` | `exactTable` | RGBA, 32-bit floats | {exact} |
 | `half.exr` | `halfTable` | RGBA, 16-bit floats | {half} |
 
-Row 0 of a picture is row 0 of its texture. Texels are read one by one: use no filter, no compression, no mip
+{buffer}Row 0 of a picture is row 0 of its texture. Texels are read one by one: use no filter, no compression, no mip
 levels and no colour conversion.
 
 - **Answer**: f_r · cos θ_i, linear Rec. 709 RGB. Multiply it by the light's irradiance on a plane that faces the
@@ -46,7 +46,7 @@ levels and no colour conversion.
 ## Test vectors
 
 What the decoded file answers. Your copy is right if it agrees within {tolerance:g} of the brightest, about what
-textures of halves round.
+{rounded} of halves round.
 
 | u, v | wo | wi | footprint | R, G, B |
 | --- | --- | --- | --- | --- |
@@ -55,7 +55,16 @@ textures of halves round.
 Made from {source}, by neubtf-bench {suite}.
 """
 
+BUFFER = """\
+It also needs the buffer `weights` (`ByteAddressBuffer`) with the {size:,} bytes of `weights.bin`: the matrices
+and biases of the network's layers, as the shader describes. Layers are computed by cooperative vectors of halves.
+Compile for Vulkan with `slangc -target spirv -profile spirv_1_6 -capability spvCooperativeVectorNV`; the device needs
+`VK_NV_cooperative_vector`. For C++, Slang writes loops instead.
+
+"""
+
 TOLERANCE = 1e-3  # of the brightest answer, between a shader and the decoded file
+LAYERS_TOLERANCE = 5e-3  # the same where layers are computed in halves, which round by 5e-4 at each of them
 # A whole fragment shader around the function: it compiles as it is, and shows how the function is called.
 FRAGMENT = """#version 300 es
 precision highp float;
@@ -99,7 +108,8 @@ class Vectors(NamedTuple):
 def export(
     program: Program, name: str, language: str, folder: Path, source: str, vectors: Vectors
 ) -> tuple[list[Path], int]:
-    """Write shader, textures and README into a folder, which is made; returns their paths, and the bytes on a GPU.
+    """Write shader, textures, a buffer of layers if there are some, and README into a folder, which is made; returns
+    their paths, and the bytes on a GPU.
 
     `name` is that of the material, and of its files; `language` a key of `DIALECTS`. `source` says in words of what the
     program was made: codec, versions, file. `vectors` are answers of the material, for the README. `InputError` for
@@ -114,13 +124,17 @@ def export(
     function = folder / f"{name}.{language}"
     exact = folder / "exact.exr"
     half = folder / "half.exr"
+    files = [function, exact, half, readme]
     write(function, code.text.encode())
     for path, array in ((exact, code.exact), (half, code.half)):
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
         with replacing(path) as partial, OpenEXR.File(header, {"RGBA": np.ascontiguousarray(array)}) as file:
             file.write(str(partial))
     write(readme, _readme(program, code, name, language, source, vectors).encode())
-    files = [function, exact, half, readme]
+    if code.layers.size:
+        weights = folder / "weights.bin"
+        write(weights, code.layers.astype("<f2").tobytes())
+        files.append(weights)
     if language == GLSL.name:  # the fragment shader is written in GLSL alone
         whole = folder / f"{name}.frag"
         write(whole, FRAGMENT.format(function=code.text).encode())
@@ -137,6 +151,10 @@ def _readme(program: Program, code: Shader, name: str, language: str, source: st
     stretch = "" if height == width else f": for a surface with square uv, pass ({across:g} u, {up:g} v)"
     texture = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
     whole = f"`{name}.frag` is a whole fragment shader around it, GLSL ES 3.00. " if language == GLSL.name else ""
-    words = {"name": name, "language": language.upper(), "suffix": language, "whole": whole, "source": source}
-    checks = {"vectors": vectors.rows(), "tolerance": TOLERANCE}
+    title = "Slang" if language == SLANG.name else language.upper()
+    words = {"name": name, "language": title, "suffix": language, "whole": whole, "source": source}
+    checks = {"vectors": vectors.rows(), "tolerance": TOLERANCE, "rounded": "textures", "buffer": ""}
+    if code.layers.size:
+        buffer = BUFFER.format(size=code.layers.nbytes)
+        checks |= {"tolerance": LAYERS_TOLERANCE, "rounded": "layers", "buffer": buffer}
     return README.format(**words, **sizes, **texture, **checks, suite=version("neubtf-bench"))

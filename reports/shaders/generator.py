@@ -15,7 +15,8 @@ import numpy as np
 
 from bench.inputs.errors import InputError
 from bench.program import Program
-from reports.shaders.dialects import Dialect
+from reports.shaders.cooperative import BUFFER, CooperativeWriter
+from reports.shaders.dialects import SLANG, Dialect
 from reports.shaders.writer import WIDTH, Tables, WeightStore, Writer, literal
 
 Array = np.ndarray
@@ -33,11 +34,12 @@ class Shader:
     exact: Array  # a texture (h, WIDTH, 4), float32
     half: Array  # a texture (h, WIDTH, 4), float16
     uniforms: Array  # weights (n, 4), float32, of the uniform buffer; n is 0 without one
+    layers: Array  # float16, the buffer of a Slang shader's layers; empty without layers
 
     @property
     def gpu_bytes(self) -> int:
-        """The bytes of both textures on a GPU."""
-        return self.exact.nbytes + self.half.nbytes
+        """The bytes of both textures, and of the buffer of layers, on a GPU."""
+        return self.exact.nbytes + self.half.nbytes + self.layers.nbytes
 
 
 def shader(program: Program, dialect: Dialect, weights: WeightStore | None = None) -> Shader:
@@ -48,7 +50,8 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     tables = Tables()
     if weights is None:
         weights = "literal" if _weights(program) <= LITERALS else "texture"
-    writer = Writer(dialect, tables, weights)
+    kind = CooperativeWriter if dialect is SLANG else Writer
+    writer = kind(dialect, tables, weights)
     writer.check(program)
     inputs = {
         "uv": ["uv.x", "uv.y"],
@@ -65,12 +68,15 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     if len(writer.uniforms) > UNIFORMS:
         raise InputError(f"its weights need more than {16 * UNIFORMS:,} bytes of a uniform buffer")
     buffer = dialect.uniforms.format(count=len(writer.uniforms)) if writer.uniforms else ""
+    if writer.layers:
+        buffer += BUFFER
     statements = "\n  ".join(body)
     text = f"{dialect.prologue.format(width=WIDTH)}{buffer}{dialect.signature} {{\n  {statements}\n}}\n"
     for name_in_glsl, name in dialect.calls.items():
         text = text.replace(f"{name_in_glsl}(", f"{name}(")
     uniforms = np.array(writer.uniforms, np.float32).reshape(-1, 4)
-    return Shader(text, tables.texture(half=False), tables.texture(half=True), uniforms)
+    layers = np.concatenate([np.zeros(0, np.float16), *writer.layers])
+    return Shader(text, tables.texture(half=False), tables.texture(half=True), uniforms, layers)
 
 
 def fallback(program: Program, dialect: Dialect) -> Shader | None:

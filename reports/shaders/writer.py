@@ -93,6 +93,7 @@ class Writer(Backend):
         self.weights = weights
         self.lines: list[str] = []  # the statements so far
         self.uniforms: list[Array] = []  # vectors of four weights for a uniform buffer
+        self.layers: list[Array] = []  # halves of a buffer of layers, which only `CooperativeWriter` makes
         self.count = 0  # names given so far: t1, t2, …
 
     def name(self, kind: str, value: str) -> str:
@@ -100,11 +101,15 @@ class Writer(Backend):
 
         `kind` is that of a scalar, or "vec4". `InputError` after `TOO_LONG` names.
         """
+        return self.statement(self.dialect.type(kind), value)
+
+    def statement(self, type_name: str, value: str) -> str:
+        """As `name`, for a type in the dialect's own words."""
         self.count += 1
         if self.count > TOO_LONG:
             raise InputError(f"its shader has more than {TOO_LONG} statements")
         name = f"t{self.count}"
-        self.lines.append(self.dialect.declare.format(type=self.dialect.type(kind), name=name, value=value))
+        self.lines.append(self.dialect.declare.format(type=type_name, name=name, value=value))
         return name
 
     def scalar(self, value: Any, kind: str) -> str:
@@ -208,7 +213,7 @@ class Writer(Backend):
             if len(left) != 1:
                 raise self.cannot("multiply these matrices")
             if right.dtype != object:  # a matrix of numbers, not of expressions
-                return self._weighted(right.T, listed(left), bias)
+                return self.weighted(right.T, listed(left), bias)
             left, right = left[None], right[None]  # a batch of one
         totals = []
         for rows, matrix in zip(left, right, strict=True):
@@ -260,7 +265,7 @@ class Writer(Backend):
             sums.append(" + ".join(terms))
         return self._channels(sums, channels)
 
-    def _weighted(self, weights: Array, inputs: list[Scalar], bias: list[Scalar] | None) -> list[str]:
+    def weighted(self, weights: Array, inputs: list[Scalar], bias: list[Scalar] | None) -> list[str]:
         """weights (outputs, inputs) @ inputs + bias (outputs,), as scalars; the weights are constants.
 
         It is computed by blocks of 4 × 4 weights, with zeros beyond the edges.

@@ -1,7 +1,8 @@
-"""write a codec file as a shader (GLSL, HLSL, WGSL), or with lobes for a path tracer
+"""write a codec file as a shader (GLSL, HLSL, WGSL, Slang), or with lobes for a path tracer
 
 The folder holds one function, `material(uv, wo, wi, footprint)`, two textures and a README of conventions and of
-answers to check a copy by. For GLSL it also holds a whole fragment shader around the function, which compiles as it is.
+answers to check a copy by. For GLSL it also holds a whole fragment shader around the function, which compiles as it is;
+for Slang the weights of the network, whose layers are cooperative vectors in 16-bit floats.
 
 With --lobes it writes the codec file again, with lobes fitted to it that a renderer can draw light directions from: a
 small extra part (8 × 8 cells of five halves, 640 bytes). No query reads them, so answers stay the same; renderers that
@@ -37,7 +38,8 @@ from reports.shaders.export import Vectors, export
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="the codec file")
     kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--format", choices=("glsl", "hlsl", "wgsl"), default="glsl", help="language (default: glsl)")
+    languages = ("glsl", "hlsl", "wgsl", "slang")
+    kind.add_argument("--format", choices=languages, default="glsl", help="language (default: glsl)")
     kind.add_argument("--lobes", action="store_true", help="write a codec file with lobes to draw directions from")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the folder to write, or with --lobes the file")
 
@@ -60,7 +62,8 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"{options.file}: {error}") from error
     for path in files:
         say_line(f"wrote {path}")
-    print(f"{held:,} bytes of textures on a GPU; the file has {options.file.stat().st_size:,} bytes")
+    what = "textures and weights" if options.format == "slang" else "textures"
+    print(f"{held:,} bytes of {what} on a GPU; the file has {options.file.stat().st_size:,} bytes")
     return FINE
 
 

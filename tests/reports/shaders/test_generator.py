@@ -19,11 +19,12 @@ from bench.material import DecoderCost, Material
 from bench.program import Program
 from bench.program.recording import program_of
 from reports import artefacts
-from reports.shaders.dialects import DIALECTS, GLSL
-from reports.shaders.export import TOLERANCE, Vectors, export
+from reports.shaders.dialects import DIALECTS, GLSL, SLANG
+from reports.shaders.export import LAYERS_TOLERANCE, TOLERANCE, Vectors, export
 from reports.shaders.generator import shader
 from reports.viewer.page import Shown, model_data, pack
 from tests.baselines.surfaces import bumps
+from tests.reports.shaders import slang
 from tests.reports.shaders.reader import answer
 from tests.tiers import short_for
 
@@ -37,6 +38,7 @@ CODECS = {
     "neubtf-direct": {"steps": 5},
     "neumip": {"steps": 5},
     "neuralbtf": {"steps": 5, "width": 8},
+    "zeltner2024": {"steps": 5},
     "relief": {"steps": 5, "batch": 64, "width": 32},
     "svbrdf": {"steps": 5, "batch": 64},
 }
@@ -104,9 +106,8 @@ def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:
 def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path: Path) -> None:
     program = stored(decoded("neubtf-direct", {"steps": 2}), tmp_path)
     files, held = export(program, "cloth", language, tmp_path / "out", "codec neubtf-direct, version 3", NO_VECTORS)
-    names = {f"cloth.{language}", "exact.exr", "half.exr", "README.md"} | (
-        {"cloth.frag"} if language == "glsl" else set()
-    )
+    more = {"glsl": {"cloth.frag"}, "slang": {"weights.bin"}}.get(language, set())
+    names = {f"cloth.{language}", "exact.exr", "half.exr", "README.md"} | more
     assert {path.name for path in files} == {path.name for path in (tmp_path / "out").iterdir()} == names
     assert held % 8 == 0 < held
     text = (tmp_path / "out" / f"cloth.{language}").read_text()
@@ -206,6 +207,25 @@ def test_glsl_and_hlsl_compile(codec: str, tmp_path: Path) -> None:
     for flags, name in (([], "a.frag"), (hlsl_flags, "a.hlsl")):
         done = subprocess.run([validator, *flags, str(tmp_path / name)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("codec", short_for(CODECS, "pca", "neubtf-direct", "zeltner2024"))
+def test_slang_compiles_and_answers_as_the_material_does(codec: str, tmp_path: Path) -> None:
+    """To SPIR-V, with cooperative vectors where there are layers; and as C++, where their products are loops."""
+    material = decoded(codec, CODECS[codec])
+    code = shader(stored(material, tmp_path), SLANG)
+    # The package has no optimiser, which other levels than 0 call.
+    flags = ["-target", "spirv", "-profile", "spirv_1_6", "-capability", "spvCooperativeVectorNV", "-O0"]
+    spirv = slang.compiled(code.text + slang.KERNEL, tmp_path, *flags).read_bytes()
+    assert (b"SPV_NV_cooperative_vector" in spirv) == (code.layers.size > 0)
+    rng = np.random.default_rng(0)
+    wo, wi = (uniform(rng, 12, 85.0) for _ in range(2))
+    queries = np.hstack([rng.random((12, 2)), wo, wi, [[0.001], [0.2]] * 6]).astype(np.float32)
+    uv, wo, wi, footprint = np.split(queries, [2, 5, 8], 1)
+    truth = material.query(*(torch.from_numpy(each.copy()) for each in (uv, wo, wi, footprint[:, 0]))).numpy()
+    ours = slang.answers(code, queries, tmp_path)
+    tolerance = LAYERS_TOLERANCE if code.layers.size else TOLERANCE
+    np.testing.assert_allclose(np.maximum(ours, 0), truth, atol=tolerance * truth.max(), rtol=TOLERANCE)
 
 
 SAYS = """async (code) => {
