@@ -313,14 +313,14 @@ def _reduced_statistics(stats: Statistics, *numbers: str) -> Statistics:
     return reduced
 
 
-def rounded(value: Any) -> Any:
+def rounded(value: Any, digits: int = 7) -> Any:
     """A value of JSON with its numbers, also nested ones, rounded to seven digits, more than any tolerance needs."""
     if isinstance(value, float):
-        return float(f"{value:.7g}")
+        return float(f"{value:.{digits}g}")
     if isinstance(value, dict):
-        return {key: rounded(item) for key, item in value.items()}
+        return {key: rounded(item, digits) for key, item in value.items()}
     if isinstance(value, list):
-        return [rounded(item) for item in value]
+        return [rounded(item, digits) for item in value]
     return value
 
 
@@ -392,6 +392,8 @@ def published_job(job: Job, folder: Path) -> Job:
         line["footprints"] = {side: _without_counts(stats) for side, stats in line["footprints"].items()}
     if "pairs" in line:  # of parts of a group the scores have counts
         line["pairs"] = {name: count for name, count in line["pairs"].items() if ", " not in name}
+    if "history" in line:
+        line["history"] = rounded(line["history"], 4)  # of a curve that is drawn
     slices = decibels(folder, job)
     if slices is not None:
         line["slices"] = {PSNR: packed(slices)}
