@@ -1,4 +1,4 @@
-"""write a codec file as a shader (GLSL, HLSL, WGSL, Slang), or with lobes for a path tracer
+"""write a codec file as a shader (GLSL, HLSL, WGSL, Slang), or with lobes to sample
 
 The folder holds one function, `material(uv, wo, wi, footprint)`, two textures and a README of conventions and of
 answers to check a copy by. For GLSL it also holds a whole fragment shader around the function, which compiles as it is;
