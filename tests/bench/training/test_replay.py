@@ -70,7 +70,7 @@ def test_replayed_steps_give_the_same_file(
 ) -> None:
     ours = fitted(name, gpu)
     replayed = {phase for (phase, _), program in kinds.items() if program.replay is not None}
-    assert len(replayed) == 2  # both halves of the fit
+    assert len(replayed) >= 2  # both halves of the fit; `hierarchical` has a phase more
     require_equal(ours, step_by_step(name, gpu, monkeypatch))
 
 
