@@ -232,9 +232,8 @@ class HierarchicalObjective(NeuMIPObjective):
     networks_class = HierarchicalNetworks
     networks: HierarchicalNetworks
 
-    def phase(self, progress: float) -> Hashable | None:
-        halves = super().phase(progress)
-        return None if halves is None else (halves, progress >= GRADIENT_FROM)
+    def phase(self, progress: float) -> Hashable:
+        return super().phase(progress), progress >= GRADIENT_FROM
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3). Each sample is answered by itself, as the material does, at the finest level."""

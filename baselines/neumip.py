@@ -39,6 +39,7 @@ from bench.training import (
 from bench.training.decoder import Architecture, Decoder
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.replay import Given, on_host
 from bench.training.stored_network import load_network, store_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
@@ -220,9 +221,8 @@ class NeuMIPObjective(Objective):
         levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
         return torch.cat([level.flatten(1).T for level in levels])  # (rows of all levels, C)
 
-    def phase(self, progress: float) -> Hashable | None:
-        """By halves; with the setting `blur` each step has its own blur."""
-        return None if self.settings.blur else phase_by_halves(progress)
+    def phase(self, progress: float) -> Hashable:
+        return phase_by_halves(progress)
 
     def stored_networks(self) -> list[nn.Module]:
         return [self.networks]
@@ -240,17 +240,23 @@ class NeuMIPObjective(Objective):
         The offset's is always blurred, the table only by the setting `blur`. σ in texels is halved from each level to
         the next, so it is as wide on the surface. The offset's texture is None if there is no offset.
         """
-        sigma = LAST_BLUR
+        of_offset, *of_levels = on_host(self._fallings, progress, self.table.device).tensors
         table: Tensor = self.table
         if self.settings.blur:
-            sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress))
-            levels = []
-            for level, values in enumerate(table.split(self.pyramid.counts)):
-                levels.append(blur(values, self.pyramid.levels[level], sigma / 2**level))
-            table = torch.cat(levels)
+            parts = zip(table.split(self.pyramid.counts), self.pyramid.levels, of_levels, strict=True)
+            table = torch.cat([blur(values, size, fall) for values, size, fall in parts])
         if self.offset is None:
             return table, None
-        return table, blur(self.offset, self.samples.shape, max(sigma, OFFSET_BLUR))
+        return table, blur(self.offset, self.samples.shape, of_offset)
+
+    def _fallings(self, progress: float) -> Given:
+        """What `blur` takes at some progress, another number at each step: for the offset's texture, then for the
+        levels of the table if these are blurred."""
+        if not self.settings.blur:
+            return Given([falling(OFFSET_BLUR)], plan=())
+        sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress))
+        of_levels = [falling(sigma / 2**level) for level in range(len(self.pyramid.levels))]
+        return Given([falling(max(sigma, OFFSET_BLUR)), *of_levels], plan=())
 
     def textures(self, progress: float) -> tuple[Tensor, Tensor | None]:
         """The table and the offset texture of `blurred`, rounded as the file will hold them, once bits are chosen."""
@@ -302,17 +308,19 @@ def log_of(values: Tensor) -> Tensor:
     return values.clamp_min(-0.1).log1p()
 
 
-def blur(texture: Tensor, size: tuple[int, int], sigma: float) -> Tensor:
-    """A periodic texture (H · W, C) of a size (H, W), convolved with a Gaussian of σ in texels.
+def falling(sigma: float) -> Tensor:
+    """−2 π² σ², a float64 scalar, for a Gaussian of σ in texels: its spectrum is exp(−2 π² σ² f²)."""
+    return torch.tensor(-2 * (math.pi * sigma) ** 2, dtype=torch.float64)
 
-    Its spectrum is multiplied by the Gaussian's, exp(−2 π² σ² f²).
-    """
+
+def blur(texture: Tensor, size: tuple[int, int], fall: Tensor) -> Tensor:
+    """A periodic texture (H · W, C) of a size (H, W), convolved with a Gaussian, whose `falling` is given."""
     height, width = size
     device = texture.device
     down = torch.fft.fftfreq(height, device=device)  # (H,), frequencies
     across = torch.fft.rfftfreq(width, device=device)  # (W // 2 + 1,)
     squared_frequency = down.square()[:, None] + across.square()  # (H, W // 2 + 1)
-    gaussian = (-2 * (math.pi * sigma) ** 2 * squared_frequency).exp()
+    gaussian = (fall * squared_frequency).exp()
     spectrum = torch.fft.rfft2(texture.reshape(height, width, -1), dim=(0, 1))  # (H, W // 2 + 1, C)
     smooth = torch.fft.irfft2(spectrum * gaussian[..., None], s=size, dim=(0, 1))
     return smooth.reshape(height * width, -1)

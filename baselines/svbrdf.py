@@ -8,6 +8,7 @@ A texel's *maps* are `CHANNELS` numbers, linear colour from 0 to 1 among them; i
 file. The fit compares log radiance.
 """
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -129,6 +130,9 @@ class MapsObjective(Objective):
         normal_z = torch.ones_like(numbers[:, :1])
         roughness_metalness = numbers[:, 5:].sigmoid()
         return torch.cat([base_colour, normal_xy, normal_z, roughness_metalness], 1)
+
+    def phase(self, progress: float) -> Hashable:
+        return ()  # all steps are alike
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) of the maps, not rounded, at the texels and pairs of a batch."""

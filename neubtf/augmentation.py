@@ -8,7 +8,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import torch
@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from bench.metrics.display import LUMA
+from bench.training.replay import Given, on_host
 from neubtf.autoencoder import STRIDE
 
 LEAST_BLUR = 1e-3  # σ in texels, which leaves a picture as it is
@@ -53,10 +54,10 @@ class Crop:
             whole=(rows.whole, cols.whole),
         )
 
-    def inner(self) -> Tensor:
+    def inner(self, device: torch.device) -> Tensor:
         """The texels (n,) of the window without its surroundings, as row · width + column of its size, row by row."""
         (height, width), (above, left) = self.size, self.around
-        texels = torch.arange(height * width).view(height, width)
+        texels = torch.arange(height * width, device=device).view(height, width)
         return texels[above : height - above, left : width - left].ravel()
 
     @property
@@ -71,6 +72,10 @@ class Crop:
     def aligned(self) -> "Crop":
         """The window with its corner moved to a corner of the autoencoder's cells."""
         row, col = (first // STRIDE * STRIDE for first in self.corner)
+        return self.moved(row, col)
+
+    def moved(self, row: int, col: int) -> "Crop":
+        """The window with its corner moved to a place."""
         return dataclasses.replace(self, corner=(row, col))
 
     def texels(self, shape: tuple[int, int]) -> Tensor:
@@ -156,7 +161,7 @@ def _axis_taps(windows: Sequence[Crop], shape: tuple[int, int], axis: int) -> tu
 
     A window that needs fewer places than k is filled up with weights of 0.
     """
-    tables = [_rescale(window.source[axis], window.size[axis]) for window in windows]
+    tables = [_rescale(window.source[axis], window.size[axis], torch.device("cpu")) for window in windows]
     most = max(index.shape[1] for index, _ in tables)
     places, weights = list[Tensor](), list[Tensor]()
     for window, (index, weight) in zip(windows, tables, strict=True):
@@ -168,14 +173,12 @@ def _axis_taps(windows: Sequence[Crop], shape: tuple[int, int], axis: int) -> tu
 
 def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
     """As `_rescale`, but only of some places (n,) of the rescaled side: (n, k)."""
-    index, weight = _rescale(side, cut)
-    index = index.to(place.device, non_blocking=True)
-    weight = weight.to(place.device, non_blocking=True)
+    index, weight = _rescale(side, cut, place.device)
     return index[place], weight[place]
 
 
 @lru_cache(maxsize=1024)  # a fit draws the same few sizes again and again
-def _rescale(side: int, cut: int) -> tuple[Tensor, Tensor]:
+def _rescale(side: int, cut: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """The source's texels and their weights, (cut, k), that a rescale from `side` to `cut` texels averages.
 
     For `side = 4` and `cut = 2` row 0 has the texels 0, 1 and 2, and what each of them contributes to texel 0.
@@ -185,7 +188,7 @@ def _rescale(side: int, cut: int) -> tuple[Tensor, Tensor]:
         matrix = functional.interpolate(matrix[None, None], (cut, side), mode="bilinear", antialias=True)[0, 0]
     most = int((matrix > 0).sum(1).max())  # texels that any row needs; others have further ones of weight 0
     weight, index = matrix.topk(most)
-    return index, weight
+    return index.to(device, non_blocking=True), weight.to(device, non_blocking=True)
 
 
 def _fitting(side: int) -> int:
@@ -206,52 +209,80 @@ class Disturbance:
 
     def disturbed(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], each disturbed at random, within [0, 1]."""
+
+        def drawn(progress: float) -> Given:
+            """The weights of the blur and their sums, and the strength and the numbers of the noise."""
+            blur, noise = torch.rand(2, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
+            weights, total = gaussians(self.blur * blur)
+            grain = torch.randn(pictures.shape, generator=generator)
+            precise = [weights, total, self.noise * noise]
+            return Given([*(values.to(pictures.dtype) for values in precise), grain], plan=weights.shape)
+
         pictures = self.recoloured(pictures, generator)
-        blur, noise = torch.rand(2, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
+        weights, total, strength, grain = on_host(drawn, 0.0, pictures.device).tensors
         if self.blur:
-            pictures = blurred(pictures, self.blur * blur)
-        grain = torch.randn(pictures.shape, generator=generator).to(pictures.device, non_blocking=True)
-        strength = (self.noise * noise).to(pictures, non_blocking=True)
+            pictures = blurred(pictures, weights, total)
         return (pictures + strength[:, None, None, None] * grain).clamp(0, 1)
 
     def recoloured(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], each at random in other colours, within [0, 1]."""
-        hue, saturation = torch.rand(2, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
-        return saturated(turned(pictures, self.hue * hue), 1 + self.saturation * (2 * saturation - 1))
+
+        def drawn(progress: float) -> Given:
+            """The matrices of hue, and the factors of saturation."""
+            hue, saturation = torch.rand(2, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
+            factor = 1 + self.saturation * (2 * saturation - 1)
+            precise = [rotation(self.hue * hue), factor]
+            return Given([values.to(pictures.dtype) for values in precise], plan=())
+
+        matrix, factor = on_host(drawn, 0.0, pictures.device).tensors
+        return saturated(turned(pictures, matrix), factor)
 
 
 def saturated(pictures: Tensor, factor: Tensor) -> Tensor:
     """Pictures (B, 3, H, W), the distance of each from its grey times factors (B,), clipped to [0, 1]; 0 gives grey."""
-    luminance = torch.from_numpy(LUMA).to(pictures, non_blocking=True)
-    grey = torch.einsum("c,bchw->bhw", luminance, pictures)[:, None]
-    factor = factor.to(pictures, non_blocking=True)[:, None, None, None]
-    return (grey + factor * (pictures - grey)).clamp(0, 1)
+    grey = torch.einsum("c,bchw->bhw", _luminance(pictures.device), pictures)[:, None]
+    return (grey + factor[:, None, None, None] * (pictures - grey)).clamp(0, 1)
 
 
-def turned(pictures: Tensor, turn: Tensor) -> Tensor:
-    """Pictures (B, 3, H, W), the hue of each turned by shares (B,) of the wheel, clipped to [0, 1]; grey stays grey."""
+@cache
+def _luminance(device: torch.device) -> Tensor:
+    """The weights (3,) of linear red, green and blue in their luminance."""
+    return torch.from_numpy(LUMA).float().to(device, non_blocking=True)
+
+
+def rotation(turn: Tensor) -> Tensor:
+    """Matrices (B, 3, 3) that turn the hue of colours by shares (B,) of the wheel."""
     angle = 2 * math.pi * turn
     # Rodrigues' rotation around (1, 1, 1)/√3: cos + (1 − cos)/3 on the diagonal, (1 − cos)/3 ± sin/√3 beside it.
     third = (1 - angle.cos()) / 3
     sine_part = angle.sin() / math.sqrt(3)
     diagonal, less, more = third + angle.cos(), third - sine_part, third + sine_part
     entries = [diagonal, less, more, more, diagonal, less, less, more, diagonal]  # row by row
-    matrix = torch.stack(entries, 1).view(-1, 3, 3)  # (B, 3, 3)
-    return torch.einsum("bij,bjhw->bihw", matrix.to(pictures, non_blocking=True), pictures).clamp(0, 1)
+    return torch.stack(entries, 1).view(-1, 3, 3)
 
 
-def blurred(pictures: Tensor, sigma: Tensor) -> Tensor:
-    """Periodic pictures (B, C, H, W), each after a Gaussian of its σ (B,) in texels, on the CPU, cut off at 3 σ."""
+def turned(pictures: Tensor, matrix: Tensor) -> Tensor:
+    """Pictures (B, 3, H, W), the hue of each turned by its `rotation` (B, 3, 3), clipped to [0, 1]; grey stays grey."""
+    return torch.einsum("bij,bjhw->bihw", matrix, pictures).clamp(0, 1)
+
+
+def gaussians(sigma: Tensor) -> tuple[Tensor, Tensor]:
+    """The weights (B, offsets) of Gaussians of σ (B,) in texels, each cut off at its 3 σ, and the sums (B,) of them."""
     radii = (3 * sigma).ceil()  # (B,)
     radius = int(radii.max())
     offsets = torch.arange(-radius, radius + 1)
-    weights = (-0.5 * (offsets / sigma.clamp_min(LEAST_BLUR)[:, None]).square()).exp()  # (B, offsets)
+    weights = (-0.5 * (offsets / sigma.clamp_min(LEAST_BLUR)[:, None]).square()).exp()
     weights = weights * (offsets.abs() <= radii[:, None])  # each picture is cut off at its own radius
-    total = weights.sum(1).to(pictures, non_blocking=True)[:, None, None, None]  # (B, 1, 1, 1)
-    weights = weights.to(pictures, non_blocking=True)[:, :, None, None, None]  # (B, offsets, 1, 1, 1)
+    return weights, weights.sum(1)
+
+
+def blurred(pictures: Tensor, weights: Tensor, total: Tensor) -> Tensor:
+    """Periodic pictures (B, C, H, W), each after a Gaussian of `gaussians`."""
+    weights, total = weights[:, :, None, None, None], total[:, None, None, None]
+    radius = weights.shape[1] // 2
     for dim in (2, 3):
         weighted_sum = torch.zeros_like(pictures)
-        for i, offset in enumerate(offsets.tolist()):
+        for i, offset in enumerate(range(-radius, radius + 1)):
             weighted_sum = weighted_sum + pictures.roll(offset, dim) * weights[:, i]
         pictures = weighted_sum / total
     return pictures

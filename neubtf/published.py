@@ -230,7 +230,7 @@ class Published(Guided):
         window = windows[0].at_origin()
         input_slices = pictures(input_levels.flatten(0, 1), window.size)  # (E, 3, h, w)
         picture = self.disturbance.disturbed(displayed(self.exposed(input_slices, input_pairs)), generator)
-        inner = window.inner().to(device, non_blocking=True)
+        inner = window.inner(device)
         return Elements(
             window=window,
             picture=picture,
@@ -267,7 +267,7 @@ class Published(Guided):
     def _losses_of(self, elements: Elements, generator: torch.Generator) -> Tensor:
         """The losses (3,) of elements with windows of one size; their surroundings are left out."""
         window = elements.window
-        inner = window.inner().to(self.samples.device, non_blocking=True)
+        inner = window.inner(self.samples.device)
         at_targets = self._at_targets(elements)
         at_texel_pairs = None
         if self.settings.texel_pairs:

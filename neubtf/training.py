@@ -10,6 +10,7 @@ A step of the last two shows the encoder a random slice, disturbed, in a random 
 """
 
 import bisect
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
@@ -29,7 +30,9 @@ from bench.training import (
     distance,
     first_latents,
     groups_of,
+    phase_by_halves,
 )
+from bench.training.replay import Given, on_host
 from neubtf.augmentation import Crop, Disturbance, draw_scale
 from neubtf.autoencoder import STRIDE, Encoder, displayed
 from neubtf.renderer import RendererSettings, render
@@ -79,17 +82,17 @@ class StagedSettings(NetworkSettings, RendererSettings):
 
 
 class Example(NamedTuple):
-    """The input of one step: a window, its texels as row · W + column, its picture, and the pair of its slice."""
+    """The input of one step: a window, its texels as row · W + column, and its picture."""
 
-    window: Crop
-    texels: Tensor  # (h · w,) of the window's source
+    window: Crop  # moved to the origin
+    texels: Tensor  # (h · w,) of the window's source, where it is
     picture: Tensor  # (1, 3, h, w)
-    pair: int | None  # None: the picture is the guidance
+    of_slice: bool  # the picture is a slice, disturbed; or the guidance
 
     @property
     def inner(self) -> Tensor:
         """The texels (n,) of the picture that a loss compares: those without the window's surroundings."""
-        return self.window.inner().to(self.picture.device, non_blocking=True)
+        return self.window.inner(self.picture.device)
 
 
 class Guided(Objective):
@@ -173,6 +176,9 @@ class Staged(Guided):
         """The stage of a step: 0 is direct, 1 taught, 2 guided. A stage without steps is skipped."""
         return bisect.bisect(self.starts, step) - 1  # the last stage that has begun
 
+    def phase(self, progress: float) -> Hashable:
+        return phase_by_halves(progress), self.stage(round(progress * self.settings.steps))
+
     def rate(self, step: int, steps: int, group: int) -> float:
         """The share of a group's highest rate at a step: each stage has its own warm-up and fall.
 
@@ -207,21 +213,28 @@ class Staged(Guided):
         """A random slice, disturbed, at a scale of at least `smallest`; or the guidance, at its own scale, sometimes in
         other colours."""
         samples, settings = self.samples, self.settings
-        exploring = float(torch.rand((), generator=generator)) < settings.explore
-        scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
-        window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
-        if not exploring:  # the cells of the window are then those of the whole guidance
-            window = window.aligned()
-        texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
-        if not exploring:
+
+        def drawn(progress: float) -> Given:
+            """The window and what it shows; its texels and, of a slice, the pair."""
+            exploring = float(torch.rand((), generator=generator)) < settings.explore
+            scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
+            window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
+            if not exploring:  # the cells of the window are then those of the whole guidance
+                window = window.aligned()
+                recoloured = float(torch.rand((), generator=generator)) < settings.recolour
+                return Given([window.texels(samples.shape)], plan=(window.moved(0, 0), False, recoloured))
+            pair = torch.randint(samples.pairs, (), generator=generator)
+            return Given([window.texels(samples.shape), pair[None]], plan=(window.moved(0, 0), True, False))
+
+        (texels, *pair), (window, of_slice, recoloured) = on_host(drawn, 0.0, samples.device)
+        if of_slice:
+            picture = displayed(self.window_of_slices(window, texels, *pair))
+            picture = self.disturbance.disturbed(picture, generator)
+        else:
             picture = pictures(by_texel(self.guidance)[texels], window.size)
-            if float(torch.rand((), generator=generator)) < settings.recolour:
+            if recoloured:
                 picture = self.disturbance.recoloured(picture, generator)
-            return Example(window, texels, picture, pair=None)
-        pair = int(torch.randint(samples.pairs, (), generator=generator))
-        slice_window = displayed(self.window_of_slices(window, texels, torch.tensor([pair])))
-        picture = self.disturbance.disturbed(slice_window, generator)
-        return Example(window, texels, picture, pair)
+        return Example(window, texels, picture, of_slice)
 
     def _direct(self, generator: torch.Generator) -> Tensor:
         """The loss of texture and renderer at random samples, without the encoder."""
@@ -259,7 +272,7 @@ class Staged(Guided):
         radiance = levels.expm1().unflatten(0, index.shape)  # (n, k, 3)
         truth = (radiance * weight[..., None]).sum(1).log1p()
         loss = distance(self.rendered(latents, texel, pair), truth, self.settings.loss)
-        return loss if example.pair is None else self.settings.explore_weight * loss
+        return self.settings.explore_weight * loss if example.of_slice else loss
 
 
 def by_texel(picture: Tensor) -> Tensor:

@@ -2,9 +2,10 @@
 
 A step of a small network starts hundreds of kernels, and starting them takes longer than they run. A graph is recorded
 once; then it is the same program in the same memory at each step. What differs from step to step goes through memory
-that stays: random numbers, which the CPU draws as it does without a graph, and learning rates. Where the program itself
-differs, another graph is recorded: in another phase of the fit (`Objective.phase`), and after another *decision*, a
-drawn number that the host reads, such as a level of detail.
+that stays: random numbers, which the CPU draws as it does without a graph, what the host makes of them (`on_host`), and
+learning rates. Where the program itself differs, another graph is recorded: in another phase of the fit
+(`Objective.phase`), and after another *decision*: a drawn number that the host reads, such as a level of detail, or the
+plan that it makes.
 
 The first step of each kind is taken without a graph, and makes what later ones only read. A phase whose steps cannot be
 recorded, because they wait for the GPU, is taken step by step; so is each step of an objective that names no phase.
@@ -12,8 +13,8 @@ recorded, because they wait for the GPU, is taken step by step; so is each step 
 
 import logging
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -26,17 +27,31 @@ log = logging.getLogger(__name__)
 
 READS = (Tensor.__bool__, Tensor.__float__, Tensor.__int__, Tensor.item)  # what reads a drawn number on the host
 
-Decisions = tuple[int | float, ...]
+MOST_GRAPHS = 64  # of a fit; rarer kinds of steps are taken one by one: each graph keeps its own memory
+
+Decisions = tuple[Hashable, ...]
+
+
+class Given(NamedTuple):
+    """What the host gives a step: tensors of the CPU, and a plan on which the step's program depends."""
+
+    tensors: list[Tensor]
+    plan: Any = None  # hashable; None: drawn numbers alone
 
 
 @dataclass
 class Draw:
-    """One or many random numbers of a step: how they are drawn, those of the first step, and what reads them."""
+    """What the host gives a step at one place of it: how it is made at a progress, what the first step had, and what
+    reads it."""
 
-    make: Callable[[], Tensor]
-    first: Tensor
-    buffer: Tensor | None = None  # memory of the device in which the step reads them
+    make: Callable[[float], Given]
+    first: Given
+    buffers: list[Tensor] = field(default_factory=list)  # memory of the device in which the step reads the tensors
     decides: bool = False  # whether the host reads it
+
+    def decision(self, given: Given) -> Hashable:
+        """What of it the step's program depends on."""
+        return given.tensors[0].item() if given.plan is None else given.plan
 
 
 @dataclass
@@ -49,9 +64,10 @@ class Program:
 
 
 class Drawing(TorchFunctionMode):
-    """Within it, a step's draws from a generator are noted, or if they are known, are not drawn but read from memory.
+    """Within it, what the host gives a step is noted, or if it is known, is not made but read from memory.
 
-    What is drawn may go to the device by `Tensor.to`, as it is, or be one number that the host reads.
+    What is drawn from the generator may go to the device by `Tensor.to`, as it is, or be one number that the host
+    reads. What else the host makes of drawn numbers is made by `on_host`.
     """
 
     def __init__(self, generator: torch.Generator, known: list[Draw] | None = None):
@@ -61,23 +77,68 @@ class Drawing(TorchFunctionMode):
         self.draws = known or []
         self.count = 0  # of draws so far
         self.changed = False  # whether a step changes numbers on the host, which a replay cannot do again
+        self.on_host = False  # whether the host makes what it will give the step
+
+    def __enter__(self) -> "Drawing":
+        super().__enter__()  # type: ignore[no-untyped-call]
+        _drawings.append(self)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        _drawings.pop()
+        super().__exit__(*error)  # type: ignore[no-untyped-call]
+
+    def next(self, make: Callable[[float], Given], progress: float) -> Draw:
+        """The next draw: a known one, or a new one."""
+        if not self.known:
+            self.draws.append(Draw(make, make(progress)))
+        self.count += 1
+        return self.draws[self.count - 1]
+
+    def planned(self, make: Callable[[float], Given], progress: float, device: torch.device) -> Given:
+        """What `on_host` gives."""
+        self.on_host = True
+        draw = self.next(make, progress)
+        self.on_host = False
+        draw.decides = True
+        if not self.known:
+            draw.buffers = _on(device, draw.first.tensors)
+        return Given(draw.buffers, draw.first.plan)
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = kwargs or {}
+        if self.on_host:
+            return func(*args, **kwargs)
         if kwargs.get("generator") is self.generator:
-            if not self.known:
-                self.draws.append(Draw(lambda: func(*args, **kwargs), func(*args, **kwargs)))
-            self.count += 1
-            return self.draws[self.count - 1].first
-        draw = next((draw for draw in self.draws if args and args[0] is draw.first), None)
+            return self.next(lambda progress: Given([func(*args, **kwargs)]), 0.0).first.tensors[0]
+        draw = next((draw for draw in self.draws if args and args[0] is draw.first.tensors[0]), None)
         if draw is not None and func is Tensor.to:
-            if draw.buffer is None:
-                draw.buffer = func(*args, **kwargs)
-            return draw.buffer
+            if not draw.buffers:
+                draw.buffers = [func(*args, **kwargs)]
+            return draw.buffers[0]
         if draw is not None:
             draw.decides |= func in READS
             self.changed |= func not in READS and func.__name__ != "__get__"  # of an attribute, such as the shape
         return func(*args, **kwargs)
+
+
+_drawings = list[Drawing]()
+
+
+def on_host(make: Callable[[float], Given], progress: float, device: torch.device) -> Given:
+    """What `make` gives a step at a progress, its tensors on the device.
+
+    `make` may draw random numbers, and do with them on the host what it likes. Its plan, which is hashable and not
+    None, must tell all on which the program of the step depends, the sizes of the tensors among it.
+    """
+    if _drawings:
+        return _drawings[-1].planned(make, progress, device)
+    given = make(progress)
+    return Given(_on(device, given.tensors), given.plan)
+
+
+def _on(device: torch.device, tensors: list[Tensor]) -> list[Tensor]:
+    return [tensor.to(device, non_blocking=True) for tensor in tensors]
 
 
 class Steps:
@@ -111,15 +172,18 @@ class Steps:
         if phase is None or phase in self.refused:
             return self.step(progress)
         before = self.generator.get_state()
-        decisions, numbers = self._drawn(phase)
+        decisions, numbers = self._drawn(phase, progress)
         program = self.programs.get((phase, decisions))
         if program is None:
             self.generator.set_state(before)
             return self._first(phase, progress)
-        for draw, values in zip(program.draws, numbers, strict=True):
-            if draw.buffer is not None:
-                draw.buffer.copy_(values, non_blocking=True)
+        for draw, given in zip(program.draws, numbers, strict=True):
+            for buffer, values in zip(draw.buffers, given.tensors, strict=False):  # what only the host reads has none
+                buffer.copy_(values, non_blocking=True)
         if program.replay is None:
+            if sum(each.replay is not None for each in self.programs.values()) == MOST_GRAPHS:
+                with Drawing(self.generator, program.draws):
+                    return self.step(progress)
             try:
                 self._record(program, progress)
             except RuntimeError as error:
@@ -132,21 +196,22 @@ class Steps:
         program.replay()
         return program.loss
 
-    def _drawn(self, phase: Hashable) -> tuple[Decisions, list[Tensor]]:
-        """The decisions and all random numbers of a step, as far as earlier steps tell how they are drawn."""
-        numbers: list[Tensor] = []
+    def _drawn(self, phase: Hashable, progress: float) -> tuple[Decisions, list[Given]]:
+        """The decisions and all that the host gives a step, as far as earlier steps tell how it is made."""
+        numbers: list[Given] = []
         decisions: Decisions = ()
         while draw := self.next_draw.get((phase, len(numbers), decisions)):
-            numbers.append(draw.make())
+            numbers.append(draw.make(progress))
             if draw.decides:
-                decisions += (numbers[-1].item(),)
+                decisions += (draw.decision(numbers[-1]),)
         return decisions, numbers
 
     def _first(self, phase: Hashable, progress: float) -> Tensor:
         """A step of a kind that was not taken before, kernel by kernel, which notes its draws."""
         with Drawing(self.generator) as drawing:
             loss = self.step(progress)
-        if drawing.changed or any((draw.buffer is None) != draw.decides for draw in drawing.draws):
+        drawn = [draw for draw in drawing.draws if draw.first.plan is None]
+        if drawing.changed or any(bool(draw.buffers) == draw.decides for draw in drawn):
             log.info("steps are not replayed as a graph: the host changes random numbers")
             self.refused.add(phase)
             return loss
@@ -154,7 +219,7 @@ class Steps:
         for number, draw in enumerate(drawing.draws):
             self.next_draw[phase, number, decisions] = draw
             if draw.decides:
-                decisions += (draw.first.item(),)
+                decisions += (draw.decision(draw.first),)
         self.programs[phase, decisions] = Program(drawing.draws, loss)
         return loss
 

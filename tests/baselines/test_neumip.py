@@ -6,7 +6,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from baselines.neumip import Networks, NeuMIP, NeuMIPMaterial, NeuMIPObjective, Pyramid, blur
+from baselines.neumip import Networks, NeuMIP, NeuMIPMaterial, NeuMIPObjective, Pyramid, blur, falling
 from bench.btf import BTF
 from bench.codec import Fit, settings_dict
 from bench.conformance.check import tiny_btf
@@ -56,7 +56,7 @@ def test_a_level_is_fetched_as_a_texture_of_its_own() -> None:
 @pytest.mark.parametrize("size", [(16, 16), (15, 8)])
 def test_the_blur_is_a_periodic_gaussian(size: tuple[int, int]) -> None:
     texture = np.random.default_rng(0).standard_normal((*size, 3))
-    ours = blur(torch.from_numpy(texture).flatten(0, 1), size, 1.5).reshape(*size, 3)
+    ours = blur(torch.from_numpy(texture).flatten(0, 1), size, falling(1.5)).reshape(*size, 3)
     theirs = gaussian_filter(texture, (1.5, 1.5, 0), mode="wrap", truncate=8)
     # A sampled Gaussian aliases: at σ = 1.5 by about exp(−2 π² σ² / 4) = 1e-5.
     np.testing.assert_allclose(ours, theirs, atol=1e-4)

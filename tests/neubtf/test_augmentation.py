@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from bench.metrics.display import LUMA
-from neubtf.augmentation import Crop, Disturbance, blurred, draw_scale, saturated, taps_of, turned
+from neubtf.augmentation import Crop, Disturbance, blurred, draw_scale, gaussians, rotation, saturated, taps_of, turned
 from neubtf.autoencoder import STRIDE, Autoencoder, Pooled
 
 
@@ -61,7 +61,7 @@ def test_a_crop_is_coded_as_in_the_whole_picture() -> None:
         pooled = Pooled.of_cells(network.encode(whole).deep)  # over the whole picture, which no crop can know
         expected = network.decode(network.encode(whole), pooled).flatten(2)[0, :, window.texels((128, 128))]
         found = network.decode(network.encode(seen), pooled)[0].flatten(1)
-        inner = window.inner()
+        inner = window.inner(torch.device("cpu"))
         alone = seen.flatten(2)[..., inner].unflatten(2, window.inner_size)
         padded = network.decode(network.encode(alone), pooled)[0].flatten(1)
     errors = [(x - expected[:, inner]).square().mean().sqrt() / expected.std() for x in (found[:, inner], padded)]
@@ -105,7 +105,7 @@ def test_taps_of_several_windows_are_texels_of_the_picture_with_their_weights() 
 @pytest.mark.parametrize("turn", [0.0, 1 / 3, 0.25, 0.9])
 def test_hue_turns_by_its_share_of_the_wheel(turn: float) -> None:
     start = torch.tensor([0.6, 0.4, 0.4]).reshape(1, 3, 1, 1)
-    red, green, blue = turned(start, torch.tensor([turn])).flatten().tolist()
+    red, green, blue = turned(start, rotation(torch.tensor([turn]))).flatten().tolist()
     # The hue of an orthonormal wheel and that of HSV agree at each sixth of a turn, and to 0.02 between.
     assert colorsys.rgb_to_hsv(red, green, blue)[0] == pytest.approx(turn, abs=0.02)
     assert red + green + blue == pytest.approx(1.4)
@@ -114,7 +114,7 @@ def test_hue_turns_by_its_share_of_the_wheel(turn: float) -> None:
 def test_blur_is_a_gaussian_of_each_pictures_own_width() -> None:
     widths = [0.4, 1.0, 2.5]
     before = torch.cat([picture().double().roll(at, 2) for at in range(len(widths))])
-    after = blurred(before, torch.tensor(widths, dtype=torch.float64))
+    after = blurred(before, *gaussians(torch.tensor(widths, dtype=torch.float64)))
     for sigma, ours, whole in zip(widths, after.numpy(), before.numpy(), strict=True):
         for channel, seen in zip(ours, whole, strict=True):
             expected = gaussian_filter(seen, sigma, mode="wrap", radius=int(np.ceil(3 * sigma)))
@@ -122,7 +122,7 @@ def test_blur_is_a_gaussian_of_each_pictures_own_width() -> None:
 
 
 def test_no_width_is_no_blur() -> None:
-    torch.testing.assert_close(blurred(picture(), torch.zeros(1)), picture())
+    torch.testing.assert_close(blurred(picture(), *gaussians(torch.zeros(1))), picture())
 
 
 def test_the_pictures_of_a_batch_are_disturbed_each_in_its_own_way() -> None:

@@ -119,7 +119,7 @@ def test_a_codec_fits_and_answers_on_a_gpu_as_on_the_cpu(
 
 # The most kernels of a step in the first half of a fit and of one after it, bytes up a step, and kernels of a query.
 # A step has no wait; a chunk of a query has one, of its checks. A GPU is slow where these numbers are high, not where
-# its kernels are. Some kernels of a step read and set its learning rates, which lie in memory, where a graph reads them.
+# its kernels are. Some kernels of a step set and read its learning rates, which lie in memory for a graph to read.
 MOST = {
     "neubtf-direct": (128, 200, 256, 130),
     "neumip": (398, 632, 256, 183),

@@ -15,16 +15,20 @@ from neubtf.direct import Direct
 from tests.tiers import short_for
 
 SMALL = {"steps": 10, "batch": 32, "patch": 2, "channels": 2, "latents": 2, "fine": 2, "coarse": 2, "texels": 8}
-SETTINGS: dict[str, dict[str, Any]] = {  # of every codec whose steps are replayed
+SETTINGS: dict[str, dict[str, Any]] = {  # of every learned codec, some by their paper's recipe, too
     "bcf": {},
     "biplane": {},
     "hierarchical": {},
+    "hierarchical paper": {},
+    "neubtf": {"steps": 40, "explore": 0.5, "keep_scale": 1.0},
     "neubtf-direct": {"half": 2, "offset": 4, "loss": "display", "weights": "int8"},
     "neumip": {"weights": "int8"},
+    "neumip paper": {},
     "neuralbtf": {},
     "ntc": {"rounding": "noise"},
     "rainer2019": {},
     "relief": {"relief": False},
+    "svbrdf": {},
     "triple-plane": {},
     "zeltner2024": {},
 }
@@ -45,10 +49,11 @@ def kinds(monkeypatch: pytest.MonkeyPatch) -> dict[Any, replay.Program]:
     return found
 
 
-def fitted(name: str, device: torch.device) -> Parts:
+def fitted(called: str, device: torch.device) -> Parts:
+    name, *recipe = called.split()
     kind = load_codec(name)
     settings = {key: value for key, value in SMALL.items() if key in settings_dict(kind())}
-    codec = kind(**settings | SETTINGS[name])
+    codec = kind(**settings | SETTINGS[called], **({"recipe": recipe[0]} if recipe else {}))
     btf = load("cable-knit", 8, views=5, lights=5, heldout=0)
     return codec.encode(btf, Fit(device=device, network=shared.find_for(codec)))
 
@@ -70,7 +75,7 @@ def test_replayed_steps_give_the_same_file(
 ) -> None:
     ours = fitted(name, gpu)
     replayed = {phase for (phase, _), program in kinds.items() if program.replay is not None}
-    assert len(replayed) >= 2  # both halves of the fit; `hierarchical` has a phase more
+    assert replayed == {phase for phase, _ in kinds} != set()
     require_equal(ours, step_by_step(name, gpu, monkeypatch))
 
 
@@ -90,4 +95,13 @@ def test_a_step_that_cannot_be_recorded_is_taken_without_a_graph(
     monkeypatch.setattr(Direct, "loss", changed)
     ours = fitted("neubtf-direct", gpu)
     assert not any(program.replay for program in kinds.values())
+    require_equal(ours, step_by_step("neubtf-direct", gpu, monkeypatch))
+
+
+def test_kinds_beyond_the_most_are_taken_without_a_graph(
+    gpu: torch.device, kinds: dict[Any, replay.Program], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(replay, "MOST_GRAPHS", 1)
+    ours = fitted("neubtf-direct", gpu)
+    assert [program.replay is not None for program in kinds.values()] == [True, False]
     require_equal(ours, step_by_step("neubtf-direct", gpu, monkeypatch))
