@@ -15,7 +15,7 @@ from neubtf.direct import Direct
 from tests.tiers import short_for
 
 SMALL = {"steps": 10, "batch": 32, "patch": 2, "channels": 2, "latents": 2, "fine": 2, "coarse": 2, "texels": 8}
-SETTINGS: dict[str, dict[str, Any]] = {  # of every codec whose steps are replayed
+SETTINGS: dict[str, dict[str, Any]] = {  # of every codec whose steps are replayed; a word after the name is a case
     "bcf": {},
     "biplane": {},
     "hierarchical": {},
@@ -25,6 +25,7 @@ SETTINGS: dict[str, dict[str, Any]] = {  # of every codec whose steps are replay
     "ntc": {"rounding": "noise"},
     "rainer2019": {},
     "relief": {"relief": False},
+    "relief height": {"steps": 24},
     "triple-plane": {},
     "zeltner2024": {},
 }
@@ -45,11 +46,13 @@ def kinds(monkeypatch: pytest.MonkeyPatch) -> dict[Any, replay.Program]:
     return found
 
 
-def fitted(name: str, device: torch.device) -> Parts:
+def fitted(called: str, device: torch.device) -> Parts:
+    name, *case = called.split()
     kind = load_codec(name)
     settings = {key: value for key, value in SMALL.items() if key in settings_dict(kind())}
-    codec = kind(**settings | SETTINGS[name])
-    btf = load("cable-knit", 8, views=5, lights=5, heldout=0)
+    codec = kind(**settings | SETTINGS[called])
+    size, views = (16, 9) if case else (8, 5)  # of the smaller no height stands
+    btf = load("cable-knit", size, views=views, lights=5, heldout=0)
     return codec.encode(btf, Fit(device=device, network=shared.find_for(codec)))
 
 
@@ -68,9 +71,12 @@ def require_equal(ours: Parts, theirs: Parts) -> None:
 def test_replayed_steps_give_the_same_file(
     name: str, gpu: torch.device, kinds: dict[Any, replay.Program], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("baselines.relief.codec.RENEWED", 3)  # also between steps that are replayed
+    monkeypatch.setattr("baselines.relief.codec.HEIGHT_RATE", 1.0)  # so that few steps move it by what a file can hold
     ours = fitted(name, gpu)
     replayed = {phase for (phase, _), program in kinds.items() if program.replay is not None}
     assert len(replayed) >= 2  # both halves of the fit; `hierarchical` has a phase more
+    assert ("height" in ours.texture) == (name == "relief height")
     require_equal(ours, step_by_step(name, gpu, monkeypatch))
 
 
