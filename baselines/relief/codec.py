@@ -32,6 +32,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Layers, Natural, Positive, Range, Width
+from bench.machine.devices import records_graphs
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import (
     Batch,
@@ -262,10 +263,10 @@ def rectified(samples: Samples, height: Tensor, pair: Tensor) -> Tensor:
     return torch.stack(surface_slices, 1)
 
 
-def marched_surface(height: Tensor) -> Surface:
-    """The surface of a height (H, W), rounded to the steps that a file holds."""
+def in_steps(height: Tensor) -> Tensor:
+    """A height (H, W), rounded to the steps that a file holds."""
     _, _, height_in_steps = stepped(height)
-    return Surface(height_in_steps)
+    return height_in_steps
 
 
 class ReliefObjective(Objective):
@@ -295,16 +296,31 @@ class ReliefObjective(Objective):
         if height is not None:
             if settings.refine:
                 self.height_shift = nn.Parameter(torch.zeros_like(height))
-            self.relief = marched_surface(height)
+            # Where the steps of a fit are recorded, a surface that is renewed stays in the memory that they read.
+            self.relief = Surface(in_steps(height), stays=settings.refine and records_graphs(fit.device))
             slices = partial(rectified, self.samples, height)  # takes the pairs
         self.moved = False  # whether the marched surface differs from the first one
         first = first_latents(self.samples, total(settings), settings.start, generator, slices)  # (H · W, channels)
         self.grids = Grids(first, self.samples.shape, settings, offset=not has_height)
 
-    def phase(self, progress: float) -> Hashable | None:
-        """By halves; while the height moves, the host renews the surface."""
-        moves = self.moved or progress >= REFINED_FROM
-        return None if moves and self.height_shift is not None else phase_by_halves(progress)
+    def moves_height(self, progress: float) -> bool:
+        """Whether a step moves the height."""
+        return self.height_shift is not None and progress >= REFINED_FROM
+
+    def phase(self, progress: float) -> Hashable:
+        """By halves, and by whether the height moves."""
+        return phase_by_halves(progress), self.moves_height(progress)
+
+    def prepare(self, fit: Fit, progress: float) -> None:
+        """Also renew the surface while the height moves."""
+        super().prepare(fit, progress)
+        # By the number of the step, so that a resumed fit marches the same surface. If a fit was set back to before the
+        # height moved, `moved` is still set, and the first height is marched again.
+        moves_height = self.moves_height(progress)
+        step = round(progress * self.settings.steps)
+        if (moves_height or self.moved) and step % RENEWED == 0:
+            self.renew_surface()
+            self.moved = moves_height
 
     def stored_networks(self) -> list[nn.Module]:
         return [self.network]
@@ -330,8 +346,13 @@ class ReliefObjective(Objective):
     def renew_surface(self) -> None:
         """March the height as it is now, in the steps that the file will hold."""
         height = self.height
-        if height is not None and height.isfinite().all():  # otherwise the fit diverges, and its loop handles that
-            self.relief = marched_surface(height).to(height.device)
+        # If it is not finite, the fit diverges, and its loop handles that.
+        if self.relief is None or height is None or not height.isfinite().all():
+            return
+        if self.relief.stays:
+            self.relief.renew(in_steps(height))
+        else:
+            self.relief = Surface(in_steps(height))
 
     def tables(self) -> dict[str, Tensor]:
         """The table of each pyramid by name, of grids as they are looked up: from half of the fit on those of the
@@ -348,14 +369,7 @@ class ReliefObjective(Objective):
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at random samples of all levels, which in the second half also moves a height that is refined."""
         queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)  # target (n, 3)
-        moves_height = self.height_shift is not None and progress >= REFINED_FROM
-        height = self.height if moves_height else None
-        # The surface is renewed by the number of the step, so that a resumed fit marches the same one. If a fit was set
-        # back to before the height moved, `moved` is still set, and the first height is marched again.
-        step = round(progress * self.settings.steps)
-        if (moves_height or self.moved) and step % RENEWED == 0:
-            self.renew_surface()
-            self.moved = moves_height
+        height = self.height if self.moves_height(progress) else None
         ours = answer(self.network, self.pyramids, self.relief, self.tables(), queries, height)
         return self.distance(ours, target, pair, progress)
 

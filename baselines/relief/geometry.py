@@ -51,19 +51,25 @@ class Surface(nn.Module):
     that a fit refines is given to `follow`.
     """
 
-    def __init__(self, height: Tensor):
+    def __init__(self, height: Tensor, stays: bool = False):
         """Make the finer copy of a height (H, W), with a margin as wide as a ray can go sideways, or none if it would
-        be too large."""
+        be too large.
+
+        If it `stays`, `renew` gives it another height in the same memory: no size and no program depends on the height.
+        """
         super().__init__()
         self.shape = (height.shape[0], height.shape[1])
-        self.low, self.high = float(height.min()), float(height.max())
+        self.stays = stays
+        low, high = float(height.min()), float(height.max())
+        self.low: float | Tensor = self._bound(low)
+        self.high: float | Tensor = self._bound(high)
         self.height = nn.Buffer(height.float()[..., None], persistent=False)  # (H, W, 1), a texture
         # Rows and columns of the finer copy without its margin: whole multiples of the height's.
         self.fine = [side * max(1, round(FINENESS / side)) for side in self.shape]
         if math.prod(self.fine) > MOST_FINE:  # one side is a few texels, the other very long: it is not made finer
             self.fine = [*self.shape]
         # A ray is followed over at most this height, so it leaves its place by at most `reach` widths of the picture.
-        rise = max(self.high - self.low, abs(self.low), abs(self.high))
+        rise = max(high - low, abs(low), abs(high))
         reach = rise / LEAST_COSINE
         rows, cols = self.fine
         reach_in_rows = int(reach * (self.shape[1] / self.shape[0]) * rows)
@@ -72,10 +78,27 @@ class Surface(nn.Module):
         self.margin = [reach_in_rows + 2, reach_in_cols + 2]
         # By how much the margin makes the copy larger.
         growth = (1 + 2 * self.margin[0] / rows) * (1 + 2 * self.margin[1] / cols)
-        self.wraps = growth > MOST_PADDED or growth * math.prod(self.fine) > MOST_FINE
+        self.wraps = stays or growth > MOST_PADDED or growth * math.prod(self.fine) > MOST_FINE
         if self.wraps:  # a look-up beyond an edge goes on at the opposite one
             self.margin = [0, 0]
         self.padded = nn.Buffer(self._padded(), persistent=False)
+
+    @torch.no_grad()
+    def renew(self, height: Tensor) -> None:
+        """Be the surface of another height (H, W) of the same device, if this one `stays`."""
+        assert isinstance(self.low, Tensor)
+        assert isinstance(self.high, Tensor)
+        self.low.copy_(height.min())
+        self.high.copy_(height.max())
+        self.height.copy_(height[..., None])
+        self.padded.copy_(self._padded())
+
+    def _bound(self, value: float) -> float | Tensor:
+        """The lowest or the highest height: a number that programs know or, if the surface stays, one in memory."""
+        if not self.stays:
+            return value
+        # In double precision, as Python's numbers are, so that a search has the same steps to the bit.
+        return nn.Buffer(torch.tensor(value, dtype=torch.double), persistent=False)
 
     def _padded(self) -> Tensor:
         """The finer copy with its margin: heights (rows, columns) from the top row on, sampled bilinearly in blocks."""

@@ -122,6 +122,14 @@ class Objective(nn.Module):
         """
         return None
 
+    def prepare(self, fit: Fit, progress: float) -> None:
+        """What the host does before a step, which no graph can do: from half of the fit on, choose how to round.
+
+        What steps read may change in its memory here, but it must stay there.
+        """
+        if progress >= ROUNDED_FROM:
+            self.round_textures(fit, progress)
+
     def rate(self, step: int, steps: int, group: int) -> float:
         """The learning rate of a group at a step, as a share of its highest; each stage of a fit has its own curve."""
         return rate(step, steps)
@@ -354,8 +362,7 @@ class _Loop:
         total = torch.zeros((), device=self.fit.device)
         while self.step < end:
             progress = self.step / self.steps
-            if progress >= ROUNDED_FROM:
-                self.objective.round_textures(self.fit, progress)
+            self.objective.prepare(self.fit, progress)
             rates = []
             for group, highest in enumerate(self.highest):
                 share = self.objective.rate(self.step, self.steps, group)
