@@ -21,7 +21,6 @@ import pandas as pd
 from bench.metrics import stats_of
 from bench.records import FLIP, PSNR, SSIM, Job, Run, codec_of, grouped, shown_label
 from reports.numbers import NONE, fixed, signed, stated
-from reports.rows import of_suite
 from reports.table import Note, OfData, Table
 from reports.values import Column, Row, Stale, written
 
@@ -193,6 +192,12 @@ def _printed(material: str) -> dict[str, float]:
     return values
 
 
+def _of_suite(run: Run, suite: str) -> list[Job]:
+    """The jobs that were made by the starts of this suite, because a run's folder may have starts of several suites."""
+    starts_of_suite = {start.get("run") for start in run.starts if start.get("suite") == suite}
+    return [job for job in run.jobs if job.get("run") in starts_of_suite]
+
+
 def _numbers(run: Run) -> pd.DataFrame:
     """What both tables show: a row for each material, label, status, group of pairs and family of metrics.
 
@@ -203,7 +208,7 @@ def _numbers(run: Run) -> pd.DataFrame:
     """
     # A nearest material counts only in its suite: other suites measure these materials, too.
     jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
-    jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
+    jobs += [job for job in _of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
     by_material = grouped(jobs, lambda job: job["material"]).values()
     rows = []
     for job, group, family in product(chain.from_iterable(by_material), _PAIRS, _METRICS):
@@ -245,7 +250,7 @@ def ablation_table(run: Run) -> Table | None:
 
     On each material a row has its PSNR, the gain against the codec as it is, and SSIM, as means over seeds.
     """
-    jobs = [job for job in of_suite(run, SUITE) if job["status"] == "ok"]
+    jobs = [job for job in _of_suite(run, SUITE) if job["status"] == "ok"]
     if not jobs:
         return None
     materials = list(dict.fromkeys(job["material"] for job in jobs))

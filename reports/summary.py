@@ -59,7 +59,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "", stale: bo
         Column("won", "↑", "won", 0),
         Column("PSNR", "dB ↑", "PSNR", 2),
     ]
-    measures, on_materials = _on_materials(run, measured)
+    measures, on_materials = _on_materials(measured)
     for measure in measures:
         apart = "timed apart" if measure.timed else ""  # such a time gets a star and is not ranked
         after = ("*", apart) if apart else ("", "")
@@ -102,9 +102,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "", stale: bo
     return written("summary", title, pd.DataFrame(rows, dtype=object), columns, notes)
 
 
-def _on_materials(
-    run: Run, measured: Sequence[MaterialRows]
-) -> tuple[list[Measure], dict[str, list[Mapping[str, Any]]]]:
+def _on_materials(measured: Sequence[MaterialRows]) -> tuple[list[Measure], dict[str, list[Mapping[str, Any]]]]:
     """The columns after that of PSNR; and by label of a codec its means over seeds on each of its materials.
 
     By name of a column, these are two: one that is infinite if no slice has an error, and what it then counts as in
@@ -116,8 +114,8 @@ def _on_materials(
         own = in_summary(material)
         measures |= {measure.name: measure for measure in own}
         codecs = [codec for codec in material.codecs if codec.measured]
-        as_stated = rows_of(run, codecs, own)
-        counted = rows_of(run, codecs, [measure._replace(stated=False) for measure in own])
+        as_stated = rows_of(codecs, own)
+        counted = rows_of(codecs, [measure._replace(stated=False) for measure in own])
         for values, numbers in zip(as_stated, counted, strict=True):
             pairs = {measure.name: (values[measure.field], numbers[measure.field]) for measure in own}
             found.setdefault(values["codec"], []).append(values | pairs)

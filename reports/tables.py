@@ -76,7 +76,7 @@ def _by_budget(kind: str) -> "Maker":
 
 def _by_material(kind: str) -> "Maker":
     """A maker of a table for each material that was measured; see `reports.by_material.tables`."""
-    return lambda run, rows: by_material.tables(run, rows, kind)
+    return lambda _, rows: by_material.tables(rows, kind)
 
 
 # A function that makes the tables of a kind, from a run and its rows by material; None is no table.

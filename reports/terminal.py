@@ -24,7 +24,7 @@ def terminal(run: Run) -> str:
         tables.append(summary_table(run, intervals=False, stale=False))
     for material in run_materials:
         for name in ("short", "detail", "scene"):
-            tables += by_material.tables(run, [material], name, stale=False)
+            tables += by_material.tables([material], name, stale=False)
     tables.append(unfinished_table(run))
     made_tables = [table for table in tables if table]
     blocks = []
@@ -43,5 +43,5 @@ def scored(run: Run) -> str:
     tables: list[Table] = []
     for material in materials(run):
         for name in ("scored", "detail", "scene"):
-            tables += by_material.tables(run, [material], name, stale=False)
+            tables += by_material.tables([material], name, stale=False)
     return plain(tables)
