@@ -15,12 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.codecs.alike import obstacles
 from bench.compare.statistics import chance_if_equal, interval_over_slices, student, told_by_holm
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
-from bench.records import MOST_DB, PSNR, Job, Run, deciding_group, grouped, shown_label
+from bench.records import MOST_DB, PSNR, Job, Run, deciding_group, grouped, shown_label, view
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 
@@ -64,42 +63,31 @@ class Against:
     on: dict[str, dict[str, Interval]]  # by material
 
 
-def against(run: Run, first: str, others: Iterable[str]) -> Against:
-    """The mean differences in dB per slice between codecs of a run and `first`, by the labels that tables show, without
-    codecs that have nothing to compare, or whose slices cannot be read. `InputError` for a label that the run lacks.
+@view
+def against(run: Run, first: str, *jobs: str) -> Against:
+    """The mean differences in dB per slice between the codecs of these jobs, given by name, and `first`, one of them.
 
-    Jobs that cannot stand beside the others, such as those on other data than published ones, do not count.
+    Codecs are told by the labels that tables show. Those that have nothing to compare, or whose slices cannot be read,
+    are left out. Kept with the run.
     """
-    others = list(others)
-    known = dict.fromkeys(map(shown_label, run.jobs))
-    for label in (first, *others):
-        if label not in known:
-            raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
-    jobs: dict[str, dict[tuple[str, int], Job]] = {first: {}, **{label: {} for label in others}}
-    obstacle = obstacles(run.jobs, run.published)  # by name of job
+    chosen = set(jobs)
+    by_label: dict[str, dict[tuple[str, int], Job]] = {}  # then by material and seed
     for job in run.jobs:
-        label = shown_label(job)
-        if job["status"] == "ok" and label in jobs and job["job"] not in obstacle:
-            jobs[label][job["material"], job["seed"]] = job
-    return _against_jobs(run.folder, first, jobs)
-
-
-def _against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Job]]) -> Against:
-    """As `against`, for jobs that are given by name, then by material and seed; slices are read in their folder."""
-    ours = jobs[first]
+        if job["job"] in chosen:
+            by_label.setdefault(shown_label(job), {})[job["material"], job["seed"]] = job
+    ours = by_label.pop(first)
+    slices_of = partial(decibels, run.folder)
 
     @cache  # each of them is compared with all others
     def slices_of_first(material: str, seed: int) -> np.ndarray | None:
         """The slices of the job of `first` with that material and seed."""
-        return decibels(folder, ours[material, seed])
+        return decibels(run.folder, ours[material, seed])
 
     differences = Against(first, {}, {})
-    for label, theirs in jobs.items():
-        if label == first:
-            continue
+    for label, theirs in by_label.items():
         both = [(job, theirs[key]) for key, job in ours.items() if key in theirs]
         try:
-            cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), partial(decibels, folder))
+            cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), slices_of)
         except InputError:  # slices of one codec that cannot be read must not cost the table of all others
             continue
         over_all = interval(cells)
