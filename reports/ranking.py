@@ -7,7 +7,7 @@ It has a *rank* only if it was measured on every material of the run.
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from bench.compare.paired import AGAINST, Against, against
+from bench.compare.paired import AGAINST, Against, against_jobs
 from bench.compare.ranks import Standing, standings
 from bench.inputs.errors import InputError
 from bench.records import Job, Run
@@ -52,7 +52,7 @@ def against_one(run: Run, materials: Iterable[MaterialRows], codecs: Mapping[str
     else:  # no codec has a rank
         return Against(first="", over={}, on={})
     rows = [row for material in materials for row in material.measured if row.label in codecs]
-    return against(run, reference, *(row.job["job"] for row in rows))
+    return against_jobs(run, reference, *(row.job["job"] for row in rows))
 
 
 def _row_named(wanted: str, codecs: Mapping[str, str]) -> str:

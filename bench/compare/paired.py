@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.codecs.alike import obstacles
 from bench.compare.statistics import chance_if_equal, interval_over_slices, student, told_by_holm
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
@@ -63,19 +64,31 @@ class Against:
     on: dict[str, dict[str, Interval]]  # by material
 
 
-@view
-def against(run: Run, first: str, *jobs: str) -> Against:
-    """The mean differences in dB per slice between the codecs of these jobs, given by name, and `first`, one of them.
+def against(run: Run, first: str, others: Iterable[str]) -> Against:
+    """The mean differences in dB per slice between codecs of a run and `first`, by the labels that tables show, without
+    codecs that have nothing to compare, or whose slices cannot be read. `InputError` for a label that the run lacks.
 
-    Codecs are told by the labels that tables show. Those that have nothing to compare, or whose slices cannot be read,
-    are left out. Kept with the run.
+    Jobs that cannot stand beside the others, such as those on other data than published ones, do not count.
     """
+    labels = [first, *others]
+    known = dict.fromkeys(map(shown_label, run.jobs))
+    for label in labels:
+        if label not in known:
+            raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
+    obstacle = obstacles(run.jobs, run.published)  # by name of job
+    fine = [job for job in run.jobs if job["status"] == "ok" and job["job"] not in obstacle]
+    return against_jobs(run, first, *(job["job"] for job in fine if shown_label(job) in labels))
+
+
+@view
+def against_jobs(run: Run, first: str, *jobs: str) -> Against:
+    """As `against`, of jobs given by name that may be compared, those of `first` among them. Kept with the run."""
     chosen = set(jobs)
     by_label: dict[str, dict[tuple[str, int], Job]] = {}  # then by material and seed
     for job in run.jobs:
         if job["job"] in chosen:
             by_label.setdefault(shown_label(job), {})[job["material"], job["seed"]] = job
-    ours = by_label.pop(first)
+    ours = by_label.pop(first, {})
     slices_of = partial(decibels, run.folder)
 
     @cache  # each of them is compared with all others
