@@ -8,6 +8,7 @@ mean error of all slices together), `worst` (the mean of the worst tenth).
 An *exact* slice has no error, so its PSNR has no number. The *frames* of a model of a scene are pictures of that scene.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import inf, isnan, nan
 from statistics import fmean, stdev
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from bench.compare.frame import frame_of
+from bench.compare.frame import FUSED
 from bench.metrics import in_decibels, is_relative, label_of
 from bench.records import (
     LOW_LIGHT,
@@ -25,22 +26,21 @@ from bench.records import (
     RMSE,
     SCENE_HELDOUT,
     Job,
-    Run,
+    MetricFacts,
     deciding_group,
     grouped,
     metrics_of,
     shown_columns,
-    view,
 )
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes, scene_notes
 from reports.numbers import EXACT, NOT_APPLICABLE, NOT_COMPARABLE
-from reports.rows import CodecRows, MaterialRows, Row, facts_of, unit_and_arrow
+from reports.rows import CodecRows, MaterialRows, Row, facts_of
 from reports.scene_models import scene_gains, scene_quality
 from reports.table import Apart, Spread, Table
 from reports.values import Column, written
 
 _DEVIATION = " ± {}"
-_OTHER_BYTES, _FUSED_TIME, _PERCENT = "other bytes", "fused ratio", "percent"  # fields that are computed here
+_OTHER_BYTES, _PERCENT = "other bytes", "percent"  # fields that are computed here
 _NAMED_BYTES = {f"bytes/{part}" for part in ("decoder", "texture", "total", "shared")}  # with columns of their own
 # By the last part of a group's name: the name in the header, in the order of columns.
 _BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}
@@ -146,7 +146,7 @@ _TOTAL = SIZE[5]
 _NS = Measure("time", "ns ↓", "timing/ns_per_sample", -3, timed=True)
 _INTERVAL = Measure("95 % interval", "ns", "timing/interval95_ns/0", -3, "timing/interval95_ns/1", _TO, timed=True)
 _FLOOR = Measure("time", "× floor", "timing/ratio_to_floor", -3, timed=True)
-_FUSED = Measure("fused", "× floor", _FUSED_TIME, -3, sparse=True)
+_FUSED = Measure("fused", "× floor", FUSED, -3, sparse=True)
 
 
 def _declared() -> list[Measure]:
@@ -160,6 +160,13 @@ def _time() -> list[Measure]:
     return [*_declared(), _NS, _INTERVAL, _FLOOR, _FUSED]
 
 
+def _unit_and_arrow(metric: MetricFacts) -> str:
+    """The unit of a metric with an arrow to the better end: "dB ↑"; without a unit the arrow alone."""
+    unit = "" if metric["unit"] == "1" else metric["unit"]  # "1": it has no unit
+    arrow = "↑" if metric["direction"] == "higher" else "↓"
+    return f"{unit} {arrow}".strip()
+
+
 def _mean(name: str, unit: str, metric: str, group: str, statistic: str = "mean", spread: bool = False) -> Measure:
     """A metric over a group of pairs; with `spread`, its deviation over slices stands beside it."""
     field = f"scores/{group}/metrics/{metric}"
@@ -171,7 +178,7 @@ def _others(material: MaterialRows, spread: bool) -> list[Measure]:
     """Every metric over the pairs that decide, but for PSNR and errors of radiance, which have a table of their own."""
     group = _deciding(material)
     shown = [(name, facts) for name, facts in material.metrics.items() if name != PSNR and not is_relative(name)]
-    return [_mean(label_of(name), unit_and_arrow(facts), name, group, spread=spread) for name, facts in shown]
+    return [_mean(label_of(name), _unit_and_arrow(facts), name, group, spread=spread) for name, facts in shown]
 
 
 def _psnr(material: MaterialRows, spread: bool = False) -> Measure:
@@ -209,11 +216,11 @@ def in_summary(material: MaterialRows) -> list[Measure]:
     return [*_others(material, spread=False), _TOTAL, *times]
 
 
-def psnr_of(run: Run, material: MaterialRows) -> dict[str, float]:
+def psnr_of(material: MaterialRows) -> dict[str, float]:
     """By label the PSNR of each codec that was measured, infinite without an error; NaN where its records lack it."""
     measure = _psnr(material)
     codecs = [codec for codec in material.codecs if codec.measured]
-    found = {values["codec"]: values[measure.field] for values in rows_of(run, codecs, [measure])}
+    found = {values["codec"]: values[measure.field] for values in rows_of(codecs, [measure])}
     return {label: nan if isinstance(psnr, str) else psnr for label, psnr in found.items()}
 
 
@@ -317,11 +324,11 @@ def _scene(material: MaterialRows) -> list[Measure]:
         measures.append(_mean("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
     for name in job["scene"]["metrics"]:
         if not is_relative(name):
-            unit, digits = unit_and_arrow(facts_of(job, name)), 2 if in_decibels(name) else 3
+            unit, digits = _unit_and_arrow(facts_of(job, name)), 2 if in_decibels(name) else 3
             measures.append(Measure(f"frames {label_of(name)}", unit, f"scene/metrics/{name}", digits))
     for name in metrics_of(job, "scene"):  # the group of the pairs that the scene uses
         if not is_relative(name):
-            unit = unit_and_arrow(facts_of(job, name))
+            unit = _unit_and_arrow(facts_of(job, name))
             measures.append(_mean(f"weighted {label_of(name)}", unit, name, "scene", "pooled"))
     outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)  # over the pairs that the scene does not use
     return [*measures, *(measure._replace(whole_only=True) for measure in (outside, _psnr(material)))]
@@ -383,7 +390,7 @@ _TABLES = {
 }
 
 
-def tables(run: Run, materials: Iterable[MaterialRows], name: str, stale: bool = True) -> Iterator[Table]:
+def tables(materials: Iterable[MaterialRows], name: str, stale: bool = True) -> Iterator[Table]:
     """The tables that `_TABLES` describes by that name, one for each material that has numbers.
 
     A row a codec, the mean over its seeds, the best first; with `stale`, rows of older versions are marked.
@@ -394,7 +401,7 @@ def tables(run: Run, materials: Iterable[MaterialRows], name: str, stale: bool =
         if not measures:
             continue
         codecs = sorted(material.codecs, key=scene_quality if kind == "scene" else _rank, reverse=True)
-        rows = [*rows_of(run, codecs, measures), *_in_addition(material.measured[0].job, measures)]
+        rows = [*rows_of(codecs, measures), *_in_addition(material.measured[0].job, measures)]
         values = pd.DataFrame(rows, dtype=object)
         if not stale:
             values = values.drop(columns="stale")
@@ -412,7 +419,7 @@ def tables(run: Run, materials: Iterable[MaterialRows], name: str, stale: bool =
         yield written(kind, title, values, columns, notes_of(material), material=material.name)
 
 
-def rows_of(run: Run, codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
+def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
     """The values of each codec on a material, over its seeds, by field, and that which stands beside each.
 
     Further columns: `codec`, its label; `stale`, its name and why its newest seed cannot be made again; `measured`,
@@ -420,11 +427,9 @@ def rows_of(run: Run, codecs: Iterable[CodecRows], measures: Sequence[Measure]) 
     codecs. Codecs without numbers say why: `n/c` in each cell if a job is not comparable, “failed” in the first if one
     failed.
     """
-    codecs = list(codecs)
-    records = _records(run, [row.job["job"] for codec in codecs for row in codec.rows], measures)
     for codec in codecs:
-        measured = [records[row.job["job"]] | _of_row(row) for row in codec.measured]
-        reasons = [records[row.job["job"]]["stale"] for row in codec.rows]
+        measured = [_values(row) for row in codec.measured]
+        reasons = [row.values["stale"] for row in codec.rows]
         stale = next((reason for reason in reversed(reasons) if reason), "")
         apart = any(row.timed_apart for row in codec.measured)
         values: dict[str, Any] = {
@@ -445,38 +450,15 @@ def rows_of(run: Run, codecs: Iterable[CodecRows], measures: Sequence[Measure]) 
         yield values
 
 
-@view
-def _frame(run: Run) -> pd.DataFrame:
-    """The frame of a run by name of job, with what is computed of its columns."""
-    frame = frame_of(run)
-    frame.index = _names(frame["job"])
-    names = [str(name) for name in frame]
-    relative = [name for name in names if name.endswith("/relative")]
-    percent = (100 * frame[relative]).rename(columns=lambda name: name.replace("relative", _PERCENT))
-    others = [name for name in names if name.startswith("bytes/") and name not in _NAMED_BYTES]
-    return pd.concat([frame, percent, frame[others].sum(axis=1).rename(_OTHER_BYTES)], axis=1)
-
-
-def _records(run: Run, jobs: list[str], measures: Sequence[Measure]) -> dict[str, dict[str, Any]]:
-    """The fields of these columns by name of job, NaN where a job lacks one."""
-    fields = ["stale", "scene/name"]
-    for measure in measures:
-        group = measure.field.rpartition("/")[0]
-        fields += [measure.field, f"{group}/exact", f"{group}/slices", *filter(None, [measure.second])]
-    found: dict[Any, Any] = _frame(run).reindex(_names(jobs), columns=_names(dict.fromkeys(fields))).to_dict("index")
-    return found
-
-
-def _names(names: Iterable[str]) -> pd.Index:
-    """Names as objects, as the texts of a frame of results are."""
-    return pd.Index(list(names), dtype=object)
-
-
-def _of_row(row: Row) -> dict[str, Any]:
-    """What the frame does not say of a job: its time as one kernel, and whether its time must not be compared."""
-    fused = row.fused["ratio_to_floor"] if row.fused else nan
+def _values(row: Row) -> Mapping[str, Any]:
+    """The values of a job by column of the frame, NaN where it has none, and what only these tables have of it."""
+    known = {name: value for name, value in row.values.items() if value is not None}
+    relative = {name: value for name, value in known.items() if name.endswith("/relative")}
+    percent = {name.replace("relative", _PERCENT): 100 * value for name, value in relative.items()}
+    others = [value for name, value in known.items() if name.startswith("bytes/") and name not in _NAMED_BYTES]
     # A time of another start is shown, with a star; one under other conditions is not.
-    return {_FUSED_TIME: fused, "apart": bool(row.timing_obstacle) and not row.timed_apart}
+    apart = bool(row.timing_obstacle) and not row.timed_apart
+    return defaultdict(lambda: nan, known | percent | {_OTHER_BYTES: sum(others), "apart": apart})
 
 
 def _in_addition(job: Job, measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:

@@ -9,6 +9,7 @@ from bench.compare.ranks import SAME_DB
 from bench.records import Run, codec_of
 from reports.of_rungs import in_words
 from reports.ranking import ranked
+from reports.rows import materials
 from reports.rungs import ENOUGH, rungs_of
 
 
@@ -41,7 +42,7 @@ def _within_budget(run: Run) -> list[str]:
 
 def _as_measured(run: Run) -> str:
     """The best mean PSNR over all materials, and its lead before the best setting of another codec."""
-    standings = [standing for standing in ranked(run) if standing.rank is not None]
+    standings = [standing for standing in ranked(materials(run)) if standing.rank is not None]
     best_first = sorted(standings, key=lambda standing: -standing.psnr)
     if not best_first:
         return ""

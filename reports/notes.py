@@ -25,7 +25,7 @@ from bench.records import (
     shown_label,
 )
 from reports.numbers import significant
-from reports.rows import MaterialRows, Row, materials
+from reports.rows import MaterialRows, Row
 from reports.table import Note, Part
 
 _LISTED = 5  # jobs that a note names
@@ -311,12 +311,30 @@ def missing_note(run: Run) -> str:
     return " ".join(sentences)
 
 
+def lacking_notes(measured: Sequence[MaterialRows]) -> list[str]:
+    """A list of one note on the codecs without means, with the materials that each lacks; empty without such codecs."""
+    measured_on: dict[str, list[str]] = {}  # by label of a model of the whole material: names of materials
+    for material in measured:
+        for codec in material.codecs:
+            if codec.measured and not codec.of_scene:
+                measured_on.setdefault(codec.label, []).append(material.name)
+    labels_by_lack: dict[tuple[str, ...], list[str]] = {}  # by the materials that these labels lack
+    for label, names in measured_on.items():
+        lacks = tuple(material.name for material in measured if material.name not in names)
+        if lacks:
+            labels_by_lack.setdefault(lacks, []).append(label)
+    if not labels_by_lack:
+        return []
+    words = "; ".join(f"{', '.join(labels)} (not on {', '.join(lacks)})" for lacks, labels in labels_by_lack.items())
+    return [f"Without means, which would be over fewer materials: {words}. --material NAME chooses."]
+
+
 def beside(run: Run) -> str:
     """In words, the jobs with which the others of a run must agree to be comparable."""
     return "the published ones" if run.published else "the newest"
 
 
-def left_out_notes(run: Run) -> Iterator[str]:
+def left_out_notes(run: Run, materials: Iterable[MaterialRows]) -> Iterator[str]:
     """Notes on codecs and materials whose numbers, or times, cannot be compared, and why.
 
     Rows are comparable if they agree with the newest jobs or, if there are any, with the published ones. An *obstacle*
@@ -328,7 +346,7 @@ def left_out_notes(run: Run) -> Iterator[str]:
     left_out: dict[str, list[tuple[str, str]]] = {}
     times_left_out: dict[str, list[tuple[str, str]]] = {}
     with_star: dict[str, list[tuple[str, str]]] = {}
-    for material in materials(run):
+    for material in materials:
         for row in material.rows:
             cell = material.name, row.label
             if row.obstacle:

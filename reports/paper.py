@@ -9,9 +9,9 @@ The *family* of a metric is its name without its variant: `ssim` of `ssim_period
 each material of the paper the *nearest* one that anyone can get.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from itertools import chain, product
+from itertools import product
 from math import isnan, nan
 from statistics import fmean
 from typing import Any
@@ -19,9 +19,9 @@ from typing import Any
 import pandas as pd
 
 from bench.metrics import stats_of
-from bench.records import FLIP, PSNR, SSIM, Job, Run, codec_of, grouped, shown_label
+from bench.records import FLIP, PSNR, SSIM, Job, Run, codec_of, grouped
 from reports.numbers import NONE, fixed, signed, stated
-from reports.rows import of_suite
+from reports.rows import MaterialRows
 from reports.table import Note, OfData, Table
 from reports.values import Column, Row, Stale, written
 
@@ -57,12 +57,14 @@ _HOW_TO_GET = "`neubtf-bench run paper` fits what is there; `run paper-nearest` 
 SUITE = "ablation"  # whose jobs `ablation_table` shows
 
 
-def paper_tables(run: Run, absent: Mapping[str, str] | None = None, every_fit: bool = False) -> list[Table]:
+def paper_tables(
+    run: Run, materials: Sequence[MaterialRows], absent: Mapping[str, str] | None = None, every_fit: bool = False
+) -> list[Table]:
     """The paper's Table 1 beside ours and, with `every_fit`, the full table below it; none without anything to show.
 
     `absent` says by material where to get it, for materials that no job of the run names.
     """
-    numbers = _numbers(run)
+    numbers = _numbers(run, materials)
     available = set(numbers["material"][numbers["status"] != "unavailable"])
     is_there = numbers["material"].isin(available)
     missing = {name: where for name, where in (absent or {}).items() if name not in available}
@@ -71,12 +73,11 @@ def paper_tables(run: Run, absent: Mapping[str, str] | None = None, every_fit: b
     numbers = numbers[is_there]
     if numbers.empty and not missing:
         return []
-    stale = Stale(run.jobs)
-    tables = [_short_table(numbers, missing, stale), _full_table(numbers, missing, stale) if every_fit else None]
+    tables = [_short_table(numbers, missing), _full_table(numbers, missing) if every_fit else None]
     return [table for table in tables if table]
 
 
-def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str], stale: Stale) -> Table:
+def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
     """By metric the paper's numbers, ours and the differences of the means; a column for each of its materials.
 
     Ours are over the fitted pairs, as means over seeds, of the label by the paper's recipe with the most steps: on the
@@ -87,12 +88,12 @@ def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str], stale: Stale
     best_first = fits.sort_values(["itself", "steps"], ascending=False, kind="stable")
     chosen = best_first.drop_duplicates(["paper", "family"])  # the first of each
     ours = {(fit["paper"], fit["family"]): fit for fit in chosen.to_dict("records")}
-    jobs = [job for (_, family), fit in ours.items() if family == PSNR for job in fit["jobs"]]
+    stale = next((fit["stale"] for (_, family), fit in ours.items() if family == PSNR and fit["stale"]), "")
 
     rows: list[dict[str, Any]] = []
     for family, (name, unit, digits) in _METRICS.items():
         printed: dict[str, Any] = {"codec": f"{name} {unit[-1]}, print", "digits": digits, "stale": ""}
-        own: dict[str, Any] = {"codec": f"{name} {unit[-1]}, ours", "digits": digits, "stale": stale.of(jobs)}
+        own: dict[str, Any] = {"codec": f"{name} {unit[-1]}, ours", "digits": digits, "stale": stale}
         difference = own | {"codec": f"{name}, ours − print", "signed": True}
         for material, published in PUBLISHED.items():
             printed[material], printed[f"{material} ±"] = published[family]
@@ -144,7 +145,7 @@ def _fit_in_words(fit: Mapping[Any, Any]) -> str:
     return ", ".join(words)
 
 
-def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str], stale: Stale) -> Table | None:
+def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | None:
     """Three rows for each label on each material, as means over seeds; None without any row.
 
     They are over all pairs, over those that were fitted, and over held-out ones. A label without numbers has one row,
@@ -160,7 +161,7 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str], stale: Stale)
         name = first["material"] if first["itself"] else f"{first['material']}, for {first['paper']}"
         spread = "" if isnan(first["over_seeds"]) else f", ± {fixed(first['over_seeds'], 2)}"
         row = {"material": ", ".join(filter(None, [name, first["size"]])), "codec": first["label"]}
-        row |= {"seeds": f"{first['seeds']}{spread}", "pairs": _PAIRS[first["group"]], "stale": stale.of(first["jobs"])}
+        row |= {"seeds": f"{first['seeds']}{spread}", "pairs": _PAIRS[first["group"]], "stale": first["stale"]}
         for fit in fits:
             family = fit["family"]
             row |= {family: fit["why"] if isnan(fit["mean"]) else fit["mean"], f"{family} ±": fit["std"]}
@@ -193,27 +194,36 @@ def _printed(material: str) -> dict[str, float]:
     return values
 
 
-def _numbers(run: Run) -> pd.DataFrame:
+def _starts(run: Run, suite: str) -> set[str | None]:
+    """The names of the starts of this suite, because a run's folder may have starts of several suites."""
+    return {start.get("run") for start in run.starts if start.get("suite") == suite}
+
+
+def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     """What both tables show: a row for each material, label, status, group of pairs and family of metrics.
 
     `material` is ours and `paper` the one that it stands for, or is `itself`; `by_recipe` says whether the label is the
-    paper's method by its recipe. Over the `seeds`, named in `jobs`, are `mean` and `std` the means of the mean and the
+    paper's method by its recipe. Over the `seeds` are `mean` and `std` the means of the mean and the
     deviation over slices, and `over_seeds` the deviation of that mean, NaN of a single seed. Without a number `mean` is
     NaN, and `why` says why: “exact”, “n/a”, a dash if it was not measured, the status, or where to get the material.
     """
     # A nearest material counts only in its suite: other suites measure these materials, too.
-    jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
-    jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
-    by_material = grouped(jobs, lambda job: job["material"]).values()
+    starts = _starts(run, NEAREST_SUITE)
+    fits = [fit for material in materials if material.name in PUBLISHED for fit in material.rows]
+    nearest = [fit for material in materials if material.name in NEAREST for fit in material.rows]
+    fits += [fit for fit in nearest if fit.job.get("run") in starts]
     rows = []
-    for job, group, family in product(chain.from_iterable(by_material), _PAIRS, _METRICS):
+    for fit, group, family in product(fits, _PAIRS, _METRICS):
+        job = fit.job
         row: dict[str, Any] = {"material": job["material"], "paper": NEAREST.get(job["material"], job["material"])}
-        row |= {"label": shown_label(job), "status": job["status"], "group": group, "family": family}
-        row |= {"job": job["job"], "steps": job.get("settings", {}).get("steps", 0), "mean": nan, "std": nan}
+        row |= {"label": fit.label, "status": job["status"], "group": group, "family": family}
+        row |= {"stale": "", "steps": job.get("settings", {}).get("steps", 0), "mean": nan, "std": nan}
         height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
         row["size"] = f"{height} × {width}" if height != width else ""  # the paper's are square
         row["why"] = job.get("error", "") if job["status"] == "unavailable" else job["status"]
         if job["status"] == "ok":
+            if fit.values["stale"]:
+                row["stale"] = f"{job['codec']}: {fit.values['stale']}"
             stats = stats_of(job, family, group)
             found = stated(stats, "mean")  # a number, or why there is none
             if isinstance(found, str | None):
@@ -222,7 +232,7 @@ def _numbers(run: Run) -> pd.DataFrame:
                 row |= {"mean": found, "std": stats.get("std")}
         rows.append(row)
     keys = ["material", "paper", "label", "status", "group", "family"]
-    frame = pd.DataFrame(rows, columns=[*keys, "job", "steps", "size", "why", "mean", "std"])
+    frame = pd.DataFrame(rows, columns=[*keys, "stale", "steps", "size", "why", "mean", "std"])
     numbers = (
         frame.astype({"mean": float, "std": float})
         .groupby(keys, sort=False, as_index=False)
@@ -230,8 +240,8 @@ def _numbers(run: Run) -> pd.DataFrame:
             mean=("mean", "mean"),
             std=("std", "mean"),
             over_seeds=("mean", lambda means: means.std(skipna=False)),
-            seeds=("job", "size"),
-            jobs=("job", list),
+            seeds=("stale", "size"),
+            stale=("stale", lambda reasons: next(filter(None, reasons), "")),
             **{name: (name, "first") for name in ("steps", "size", "why")},
         )
     )
@@ -245,7 +255,8 @@ def ablation_table(run: Run) -> Table | None:
 
     On each material a row has its PSNR, the gain against the codec as it is, and SSIM, as means over seeds.
     """
-    jobs = [job for job in of_suite(run, SUITE) if job["status"] == "ok"]
+    starts = _starts(run, SUITE)
+    jobs = [job for job in run.jobs if job["status"] == "ok" and job.get("run") in starts]
     if not jobs:
         return None
     materials = list(dict.fromkeys(job["material"] for job in jobs))

@@ -1,27 +1,26 @@
-"""The ranking of the codecs of a run, and the difference of each to one of them; both are computed only once.
+"""The ranking of the codecs of a run, and the difference of each to one of them.
 
 A *codec* is here one with its settings, a row of the summary. Its *standing* is its place by PSNR over all materials.
 It has a *rank* only if it was measured on every material of the run.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from bench.compare.paired import AGAINST, Against, against
+from bench.compare.paired import AGAINST, Against, against_jobs
 from bench.compare.ranks import Standing, standings
 from bench.inputs.errors import InputError
-from bench.records import Job, Run, view
-from reports.rows import materials
+from bench.records import Job, Run
+from reports.rows import MaterialRows
 
 
-@view
-def ranked(run: Run) -> list[Standing]:
+def ranked(materials: Iterable[MaterialRows]) -> list[Standing]:
     """The standing of every measured codec, the best first. Models of a scene come last and without a rank, because
-    their quality over a whole material is not what they were fitted for. Kept with the run."""
+    their quality over a whole material is not what they were fitted for."""
     # Jobs by material and label, those of models of whole materials apart from those of models of a scene.
     whole: dict[str, dict[str, list[Job]]] = {}
     of_scene: dict[str, dict[str, list[Job]]] = {}
-    for material in materials(run):
+    for material in materials:
         for codec in material.codecs:
             if codec.measured:
                 jobs = of_scene if codec.of_scene else whole
@@ -30,39 +29,30 @@ def ranked(run: Run) -> list[Standing]:
     return [*standings(whole), *without_rank]
 
 
-@view
-def against_one(run: Run, wanted: str = "") -> Against:
-    """The differences of the ranked codecs to the row `wanted`, a label or the name of a codec with one row. They are
-    mean differences of PSNR in dB, paired slice by slice.
+def with_rank(materials: Iterable[MaterialRows], ranking: Iterable[Standing]) -> dict[str, str]:
+    """The name of the codec of each label that has a rank, in the order of the suite."""
+    labels = {standing.label for standing in ranking if standing.rank is not None}
+    every = {codec.label: codec.codec for material in materials for codec in material.codecs}
+    return {label: codec for label, codec in every.items() if label in labels}
+
+
+def against_one(run: Run, materials: Iterable[MaterialRows], codecs: Mapping[str, str], wanted: str = "") -> Against:
+    """The differences of the codecs with a rank, see `with_rank`, to the row `wanted`, a label or the name of a codec
+    with one row. They are mean differences of PSNR in dB, paired slice by slice.
 
     By default that is the first row of the codec `AGAINST` or, without one, the first row in the order of the suite, so
     that no result decides which row it is. Raises `InputError` for a row that is not there, or that was not measured
-    on all materials. Kept with the run.
+    on all materials.
     """
-    codecs = codecs_of(run)
-    ranked_labels = [standing.label for standing in ranked(run) if standing.rank is not None]
-    in_suite_order = {label: codec for label, codec in codecs.items() if label in ranked_labels}
     if wanted:
-        reference = _row_named(wanted, in_suite_order)
-    elif in_suite_order:
-        of_usual_codec = [label for label, codec in in_suite_order.items() if codec == AGAINST]
-        reference = [*of_usual_codec, *in_suite_order][0]
+        reference = _row_named(wanted, codecs)
+    elif codecs:
+        of_usual_codec = [label for label, codec in codecs.items() if codec == AGAINST]
+        reference = [*of_usual_codec, *codecs][0]
     else:  # no codec has a rank
         return Against(first="", over={}, on={})
-    others = [label for label in ranked_labels if label != reference]
-    return against(run, reference, others)
-
-
-@view
-def codecs_of(run: Run) -> dict[str, str]:
-    """The name of the codec of each label, in the order of the suite. Kept with the run."""
-    return {codec.label: codec.codec for material in materials(run) for codec in material.codecs}
-
-
-def settings_of(codec: str, run: Run) -> int:
-    """The number of rows, one for each of its settings, that a codec of this name has among those that are ranked."""
-    codecs = codecs_of(run)
-    return sum(codecs[standing.label] == codec for standing in ranked(run) if standing.rank is not None)
+    rows = [row for material in materials for row in material.measured if row.label in codecs]
+    return against_jobs(run, reference, *(row.job["job"] for row in rows))
 
 
 def _row_named(wanted: str, codecs: Mapping[str, str]) -> str:

@@ -6,12 +6,12 @@ measures; a run may have several.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
-from bench.codecs.alike import obstacles
-from bench.compare.choosing import fused_times
+from bench.compare.frame import FUSED, values_of
 from bench.metrics import metric_of, stats_of
 from bench.records import (
     CONDITIONS,
@@ -43,8 +43,8 @@ class Row:
     job: Job
     label: str
     name: str
+    values: Mapping[str, Any]  # by column of `bench.compare.frame`
     timing: Timing | None = None
-    fused: Timing | None = None  # its time with all of a query in one kernel, if `neubtf-bench trade` measured it
     obstacle: str = ""  # of all its numbers
     timing_obstacle: str = ""  # of its time alone
 
@@ -52,6 +52,11 @@ class Row:
     def measured(self) -> bool:
         """Whether there are numbers that may be compared."""
         return self.job["status"] == "ok" and not self.obstacle
+
+    @property
+    def fused(self) -> float | None:
+        """Its time with all of a query in one kernel, × floor, if `neubtf-bench trade` measured it."""
+        return self.values[FUSED]
 
     @property
     def timed_apart(self) -> bool:
@@ -183,12 +188,6 @@ class MaterialRows:
         return words
 
 
-def of_suite(run: Run, suite: str) -> list[Job]:
-    """The jobs that were made by the starts of this suite, because a run's folder may have starts of several suites."""
-    starts_of_suite = {start.get("run") for start in run.starts if start.get("suite") == suite}
-    return [job for job in run.jobs if job.get("run") in starts_of_suite]
-
-
 def facts_of(job: Job, metric: str) -> MetricFacts:
     """The unit and direction of a metric as a record describes it or, if it does not, those of a variant of the metric.
 
@@ -203,13 +202,6 @@ def facts_of(job: Job, metric: str) -> MetricFacts:
     return MetricFacts(unit="1", direction="higher", version=0)  # an older record does not describe it
 
 
-def unit_and_arrow(metric: MetricFacts) -> str:
-    """The unit of a metric with an arrow to the better end: "dB ↑"; without a unit the arrow alone."""
-    unit = "" if metric["unit"] == "1" else metric["unit"]  # "1": it has no unit
-    arrow = "↑" if metric["direction"] == "higher" else "↓"
-    return f"{unit} {arrow}".strip()
-
-
 @view
 def materials(run: Run) -> list[MaterialRows]:
     """The run's jobs by material, in the order of the suite; kept with the run.
@@ -220,20 +212,15 @@ def materials(run: Run) -> list[MaterialRows]:
     for job in finished:
         require(job, "tables", run.folder)
     without_results = frozenset(map(shown_label, run.jobs)) - set(map(shown_label, finished))
-    obstacle_of = obstacles(run.jobs, run.published)  # by name of job: why its numbers cannot be compared, in words
-    jobs_by_material = grouped(run.jobs, lambda job: str(job["material"]))
-    material_rows = []
-    for name, jobs in jobs_by_material.items():
-        rows = list(_rows(run, jobs, obstacle_of))
-        material_rows.append(MaterialRows(name, rows, without_results))
-    return material_rows
+    values_by_job = {values["job"]: values for values in values_of(run)}
+    by_material = grouped(run.jobs, lambda job: str(job["material"]))
+    return [
+        MaterialRows(name, [*_rows(run, jobs, values_by_job)], without_results) for name, jobs in by_material.items()
+    ]
 
 
-def _rows(run: Run, jobs: list[Job], obstacle_of: dict[str, str]) -> Iterator[Row]:
-    """The jobs of one material as rows; `obstacle_of` has by name of job why its numbers cannot be compared.
-
-    Reads the run's trade, if it has one, for the times as one kernel.
-    """
+def _rows(run: Run, jobs: list[Job], values_by_job: Mapping[str, Mapping[str, Any]]) -> Iterator[Row]:
+    """The jobs of one material as rows; `values_by_job` has by name of job its values by column of the frame."""
     timing_of = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}  # None for a job without one
     timings = [timing for timing in timing_of.values() if timing]
     counts = Counter(timing["run"] for timing in timings)  # of timings, by start
@@ -241,7 +228,6 @@ def _rows(run: Run, jobs: list[Job], obstacle_of: dict[str, str]) -> Iterator[Ro
     # So a single codec that is timed again is the one with a star, and the times of all others stay as they are.
     common = max(timings, key=lambda timing: (counts[timing["run"]], timing["run"]), default=Timing())
     seeds = {job.get("seed") for job in jobs}
-    fused = fused_times(run)
     for job in jobs:
         label = shown_label(job)
         timing = timing_of.get(job["job"])
@@ -249,9 +235,9 @@ def _rows(run: Run, jobs: list[Job], obstacle_of: dict[str, str]) -> Iterator[Ro
             job,
             label,
             name=f"{label} seed={job['seed']}" if len(seeds) > 1 else label,
+            values=values_by_job[job["job"]],
             timing=timing,
-            fused=fused.get(job["job"]),
-            obstacle=obstacle_of.get(job["job"], ""),
+            obstacle=values_by_job[job["job"]]["why"] if job["status"] == "ok" else "",
             timing_obstacle=_timing_obstacle(timing, common) if timing else "",
         )
 

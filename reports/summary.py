@@ -20,6 +20,7 @@ from reports.by_material import Measure, in_summary, rows_of
 from reports.notes import (
     about_times,
     height_notes,
+    lacking_notes,
     left_out_notes,
     missing_note,
     one_texel_notes,
@@ -27,8 +28,8 @@ from reports.notes import (
     scene_notes,
 )
 from reports.numbers import NONE, interval
-from reports.ranking import against_one, codecs_of, ranked, settings_of
-from reports.rows import MaterialRows, materials
+from reports.ranking import against_one, ranked, with_rank
+from reports.rows import MaterialRows
 from reports.table import Apart, Note, OfData, Table
 from reports.values import Column, Row, written
 
@@ -39,7 +40,9 @@ _INTERVAL = "{}, with its interval"  # the column of values with the interval of
 MANY = 10  # materials from which the interval of their mean is shown; on fewer, Student's is too wide to say anything
 
 
-def summary_table(run: Run, intervals: bool = True, against: str = "", stale: bool = True) -> Table | None:
+def summary_table(
+    run: Run, materials: Sequence[MaterialRows], intervals: bool = True, against: str = "", stale: bool = True
+) -> Table | None:
     """A row a codec; None if fewer than two codecs were measured. Without `intervals` no slice is read.
 
     A codec that lacks a material has no means, because they would not be over the materials of the other rows. A model
@@ -47,10 +50,12 @@ def summary_table(run: Run, intervals: bool = True, against: str = "", stale: bo
     one row; see `reports.ranking.against_one`, which raises `InputError`. `against` is "" for the usual row. With
     `stale`, rows of older versions are marked.
     """
-    measured = [material for material in materials(run) if material.measured]
-    ranking = ranked(run)
+    measured = [material for material in materials if material.measured]
+    ranking = ranked(materials)
     if len(ranking) < 2:
         return None
+    codecs = with_rank(materials, ranking)
+    to_one = against_one(run, materials, codecs, against) if intervals else None
 
     columns = [
         Column("codec", "", "codec"),
@@ -59,7 +64,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "", stale: bo
         Column("won", "↑", "won", 0),
         Column("PSNR", "dB ↑", "PSNR", 2),
     ]
-    measures, on_materials = _on_materials(run, measured)
+    measures, on_materials = _on_materials(measured)
     for measure in measures:
         apart = "timed apart" if measure.timed else ""  # such a time gets a star and is not ranked
         after = ("*", apart) if apart else ("", "")
@@ -80,20 +85,21 @@ def summary_table(run: Run, intervals: bool = True, against: str = "", stale: bo
         if standing.rank is None:
             row |= {column.field: nan for column in columns[2:]}
         rows.append(row)
-    notes: list[str] = ["Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR."]
-    notes += [*recipe_notes(measured), *scene_notes(measured), *_lacking(measured)]
+    notes_on_differences: list[Note] = []
     # To the right, the differences to one row; they are never marked.
-    if intervals:
+    if to_one:
         labels = [standing.label for standing in ranking]
         names = [material.name for material in measured]
-        differences = _differences(run, labels, names, against)
+        differences = _differences(to_one, labels, names, codecs, against)
         columns += differences.columns
         rows = [row | values for row, values in zip(rows, differences.rows, strict=True)]
-        notes += differences.notes
+        notes_on_differences = differences.notes
+    notes: list[str] = ["Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR."]
+    notes += [*recipe_notes(measured), *scene_notes(measured), *lacking_notes(measured), *notes_on_differences]
     # Notes on times, which only a time that may be compared needs, and on what is left out.
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
     notes += [about_times(text) for text in (*one_texel_notes(timed), *height_notes(measured))]
-    notes += left_out_notes(run)
+    notes += left_out_notes(run, materials)
     missing = missing_note(run)
     if missing:
         notes.append(Apart(missing))
@@ -102,9 +108,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "", stale: bo
     return written("summary", title, pd.DataFrame(rows, dtype=object), columns, notes)
 
 
-def _on_materials(
-    run: Run, measured: Sequence[MaterialRows]
-) -> tuple[list[Measure], dict[str, list[Mapping[str, Any]]]]:
+def _on_materials(measured: Sequence[MaterialRows]) -> tuple[list[Measure], dict[str, list[Mapping[str, Any]]]]:
     """The columns after that of PSNR; and by label of a codec its means over seeds on each of its materials.
 
     By name of a column, these are two: one that is infinite if no slice has an error, and what it then counts as in
@@ -116,8 +120,8 @@ def _on_materials(
         own = in_summary(material)
         measures |= {measure.name: measure for measure in own}
         codecs = [codec for codec in material.codecs if codec.measured]
-        as_stated = rows_of(run, codecs, own)
-        counted = rows_of(run, codecs, [measure._replace(stated=False) for measure in own])
+        as_stated = rows_of(codecs, own)
+        counted = rows_of(codecs, [measure._replace(stated=False) for measure in own])
         for values, numbers in zip(as_stated, counted, strict=True):
             pairs = {measure.name: (values[measure.field], numbers[measure.field]) for measure in own}
             found.setdefault(values["codec"], []).append(values | pairs)
@@ -136,24 +140,6 @@ def _mean(pairs: Sequence[tuple[Any, Any]]) -> float:
     return fmean(nan if isinstance(number, str) else number for _, number in pairs)
 
 
-def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
-    """A list of one note on the codecs without means, with the materials that each lacks; empty without such codecs."""
-    measured_on: dict[str, list[str]] = {}  # by label of a model of the whole material: names of materials
-    for material in measured:
-        for codec in material.codecs:
-            if codec.measured and not codec.of_scene:
-                measured_on.setdefault(codec.label, []).append(material.name)
-    labels_by_lack: dict[tuple[str, ...], list[str]] = {}  # by the materials that these labels lack
-    for label, names in measured_on.items():
-        lacks = tuple(material.name for material in measured if material.name not in names)
-        if lacks:
-            labels_by_lack.setdefault(lacks, []).append(label)
-    if not labels_by_lack:
-        return []
-    words = "; ".join(f"{', '.join(labels)} (not on {', '.join(lacks)})" for lacks, labels in labels_by_lack.items())
-    return [f"Without means, which would be over fewer materials: {words}. --material NAME chooses."]
-
-
 class _Differences(NamedTuple):
     """The columns of paired differences of PSNR, which are added to the right of the summary."""
 
@@ -162,17 +148,17 @@ class _Differences(NamedTuple):
     notes: list[Note]
 
 
-def _differences(run: Run, labels: Sequence[str], materials: Sequence[str], wanted: str) -> _Differences:
-    """The paired differences of PSNR of the rows with these labels to the row `wanted`, "" for the usual one.
+def _differences(
+    against: "Against", labels: Sequence[str], materials: Sequence[str], codecs: Mapping[str, str], wanted: str
+) -> _Differences:
+    """The paired differences of PSNR of the rows with these labels to one row: `wanted`, "" for the usual one.
 
     On `MANY` or more materials there is one column: the mean difference with its interval. So it is on a single
     material. In between, such an interval would say little: the column has the mean difference alone, and a further
-    column for each material has the difference there with its interval. Reads the slices of the run. `InputError` if
-    the run has no row `wanted`.
+    column for each material has the difference there with its interval. `codecs` has those with a rank, by label.
     """
-    against = against_one(run, wanted)
-    codec = codecs_of(run).get(against.first, "")  # there is none if no codec has a rank
-    several = settings_of(codec, run) > 1
+    codec = codecs.get(against.first, "")  # there is none if no codec has a rank
+    several = [*codecs.values()].count(codec) > 1
     column_for_each = 1 < len(materials) < MANY  # whether each material has a column of its own
     # A row has no difference to itself, nor where it cannot be compared.
     of_columns = {"against": against.over}

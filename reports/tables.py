@@ -38,8 +38,8 @@ def all_tables(
     """
     rows = [] if kind in BY_BUDGET else materials(run)  # which those do not need, and which takes long
     makers = dict(_OF_KIND)
-    makers["summary"] = lambda run, _: [summary_table(run, against=against)]
-    makers["paper"] = lambda run, _: paper_tables(run, absent, every_fit)
+    makers["summary"] = lambda run, rows: [summary_table(run, rows, against=against)]
+    makers["paper"] = lambda run, rows: paper_tables(run, rows, absent, every_fit)
     if narrow:
         makers["main"] = lambda run, rows: [*_by_material("quality")(run, rows), *_by_material("cost")(run, rows)]
     tables: list[Table] = []
@@ -49,10 +49,10 @@ def all_tables(
     return tables
 
 
-def unfinished_table(run: Run) -> Table | None:
+def unfinished_table(run: Run, materials: Iterable[MaterialRows]) -> Table | None:
     """Jobs without numbers and the reasons, including planned jobs that were not run; None if all have numbers."""
     rows = []
-    for material_rows in materials(run):
+    for material_rows in materials:
         for row in material_rows.rows:
             status = row.job["status"]
             if status != "ok":
@@ -76,7 +76,7 @@ def _by_budget(kind: str) -> "Maker":
 
 def _by_material(kind: str) -> "Maker":
     """A maker of a table for each material that was measured; see `reports.by_material.tables`."""
-    return lambda run, rows: by_material.tables(run, rows, kind)
+    return lambda _, rows: by_material.tables(rows, kind)
 
 
 # A function that makes the tables of a kind, from a run and its rows by material; None is no table.
@@ -90,5 +90,5 @@ _OF_KIND: dict[str, Maker] = {
     "parameters": lambda run, _: [parameters_table([cast(TimedJob, job) for job in run.jobs])],
     "ablation": lambda run, _: [ablation_table(run)],
     "stress": lambda run, _: stress_tables(run),
-    "unfinished": lambda run, _: [unfinished_table(run)],
+    "unfinished": lambda run, rows: [unfinished_table(run, rows)],
 }

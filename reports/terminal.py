@@ -21,11 +21,11 @@ def terminal(run: Run) -> str:
     run_materials = materials(run)
     tables: list[Table | None] = [*all_tables(run, kind="budgets")]
     if len(run_materials) > 1:  # means over one would repeat its main table
-        tables.append(summary_table(run, intervals=False, stale=False))
+        tables.append(summary_table(run, run_materials, intervals=False, stale=False))
     for material in run_materials:
         for name in ("short", "detail", "scene"):
-            tables += by_material.tables(run, [material], name, stale=False)
-    tables.append(unfinished_table(run))
+            tables += by_material.tables([material], name, stale=False)
+    tables.append(unfinished_table(run, run_materials))
     made_tables = [table for table in tables if table]
     blocks = []
     if not any(table.kind == "main" for table in made_tables):  # there may still be jobs without a result
@@ -43,5 +43,5 @@ def scored(run: Run) -> str:
     tables: list[Table] = []
     for material in materials(run):
         for name in ("scored", "detail", "scene"):
-            tables += by_material.tables(run, [material], name, stale=False)
+            tables += by_material.tables([material], name, stale=False)
     return plain(tables)

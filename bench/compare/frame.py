@@ -79,13 +79,13 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
             lines = ", ".join(map(str, run.unreadable))
             warnings.warn(f"{path}: {len(run.unreadable)} line(s) could not be read: {lines}", stacklevel=2)
         on_gpu |= gpu_times(run)
-    rows = [{"folder": path} | row for path, run in runs.items() for row in _rows(run, on_gpu)]
+    rows = [{"folder": path} | row for path, run in runs.items() for row in values_of(run, on_gpu)]
     return _framed(rows, [job for run in runs.values() for job in run.jobs])
 
 
 def frame_of(run: Run, records: bool = True) -> pd.DataFrame:
     """The jobs of a run, or of several that were loaded as one, in its order; or only the columns before `records`."""
-    return _framed(list(_rows(run, gpu_times(run), records)), run.jobs)
+    return _framed(list(values_of(run, records=records)), run.jobs)
 
 
 def line_of(job: Job) -> str:
@@ -155,14 +155,20 @@ def _units_and_directions(
     return units, directions
 
 
-def _rows(run: Run, on_gpu: Mapping[str, Timing], records: bool = True) -> Iterator[_Row]:
-    """Each job of a run by column; `on_gpu` has the timing of settings on a GPU, by label. See `frame_of`."""
+def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: bool = True) -> Iterator[_Row]:
+    """Each job of a run by column of the frame, None or absent where it has no value; see `frame_of`.
+
+    `on_gpu` has the timing of settings on a GPU, by label; by default those of the run.
+    """
     starts = {start.get("run"): start for start in reversed(run.starts)}  # files of published records may have none
     surfaces = {job["material"]: kind_of(job) for job in run.jobs if job["status"] == "ok"}
     reasons = _reasons(run)
     versions = stale(run.jobs)
     comparable = [job for job in run.jobs if job["job"] not in reasons]
-    times = _times_of(run, comparable)
+    fused = fused_times(run)
+    if on_gpu is None:
+        on_gpu = gpu_times(run)
+    times = _times_of(run, comparable, fused)
     times_on_gpu = {}
     for job in comparable:
         timing = on_gpu.get(job["label"], Timing())
@@ -205,8 +211,8 @@ def _rows(run: Run, on_gpu: Mapping[str, Timing], records: bool = True) -> Itera
         yield {**own, **flattened(job, run.timing(job)), **own} if records else own
 
 
-def _times_of(run: Run, jobs: Sequence[Job]) -> dict[str, dict[str, float]]:
-    """The times of a query by kind and name of job, × floor: medians.
+def _times_of(run: Run, jobs: Sequence[Job], fused: Mapping[str, Timing]) -> dict[str, dict[str, float]]:
+    """The times of a query by kind and name of job, × floor: medians; `fused` has the timings of that kind.
 
     Where settings were timed apart from surfaces, on one machine, no other eager times count.
     """
@@ -223,7 +229,7 @@ def _times_of(run: Run, jobs: Sequence[Job]) -> dict[str, dict[str, float]]:
         if timing and "ratio_to_floor" in timing:
             of_settings[job["job"]] = float(timing["ratio_to_floor"])
     of_jobs = {timing["job"]: timing for timing in run.timings}
-    return {EAGER: of_settings or medians(of_jobs), FUSED: medians(fused_times(run))}
+    return {EAGER: of_settings or medians(of_jobs), FUSED: medians(fused)}
 
 
 def _reasons(run: Run) -> dict[str, str]:

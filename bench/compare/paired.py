@@ -20,7 +20,7 @@ from bench.compare.statistics import chance_if_equal, interval_over_slices, stud
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
-from bench.records import MOST_DB, PSNR, Job, Run, deciding_group, grouped, shown_label
+from bench.records import MOST_DB, PSNR, Job, Run, deciding_group, grouped, shown_label, view
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 
@@ -70,36 +70,37 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
 
     Jobs that cannot stand beside the others, such as those on other data than published ones, do not count.
     """
-    others = list(others)
+    labels = [first, *others]
     known = dict.fromkeys(map(shown_label, run.jobs))
-    for label in (first, *others):
+    for label in labels:
         if label not in known:
             raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
-    jobs: dict[str, dict[tuple[str, int], Job]] = {first: {}, **{label: {} for label in others}}
     obstacle = obstacles(run.jobs, run.published)  # by name of job
+    fine = [job for job in run.jobs if job["status"] == "ok" and job["job"] not in obstacle]
+    return against_jobs(run, first, *(job["job"] for job in fine if shown_label(job) in labels))
+
+
+@view
+def against_jobs(run: Run, first: str, *jobs: str) -> Against:
+    """As `against`, of jobs given by name that may be compared, those of `first` among them. Kept with the run."""
+    chosen = set(jobs)
+    by_label: dict[str, dict[tuple[str, int], Job]] = {}  # then by material and seed
     for job in run.jobs:
-        label = shown_label(job)
-        if job["status"] == "ok" and label in jobs and job["job"] not in obstacle:
-            jobs[label][job["material"], job["seed"]] = job
-    return _against_jobs(run.folder, first, jobs)
-
-
-def _against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Job]]) -> Against:
-    """As `against`, for jobs that are given by name, then by material and seed; slices are read in their folder."""
-    ours = jobs[first]
+        if job["job"] in chosen:
+            by_label.setdefault(shown_label(job), {})[job["material"], job["seed"]] = job
+    ours = by_label.pop(first, {})
+    slices_of = partial(decibels, run.folder)
 
     @cache  # each of them is compared with all others
     def slices_of_first(material: str, seed: int) -> np.ndarray | None:
         """The slices of the job of `first` with that material and seed."""
-        return decibels(folder, ours[material, seed])
+        return decibels(run.folder, ours[material, seed])
 
     differences = Against(first, {}, {})
-    for label, theirs in jobs.items():
-        if label == first:
-            continue
+    for label, theirs in by_label.items():
         both = [(job, theirs[key]) for key, job in ours.items() if key in theirs]
         try:
-            cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), partial(decibels, folder))
+            cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), slices_of)
         except InputError:  # slices of one codec that cannot be read must not cost the table of all others
             continue
         over_all = interval(cells)

@@ -112,7 +112,7 @@ def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
             own = [row for row in material.rows if codec_of(row.label) == name]
             # Each row alone; of one without numbers that may be compared, the cells are dashes.
             alone = [CodecRows(row.label, [row] if row.measured else []) for row in own]
-            values = pd.DataFrame(by_material.rows_of(source.run, alone, measures), dtype=object)
+            values = pd.DataFrame(by_material.rows_of(alone, measures), dtype=object)
             for row, shown in zip(own, values.to_dict("records"), strict=True):
                 numbers = [measure.column(values).cell(shown) for measure in measures]
                 rows.append([material.name, source.title, row.label, *numbers, *_origin_cells(source, row)])
@@ -145,7 +145,7 @@ def _of_all_settings(source: Publication) -> Iterator[Comparison]:
     """The comparison on each material of a source without budgets: of all settings, whatever their bytes."""
     for material in source.materials:
         candidates = []
-        psnr_of = by_material.psnr_of(source.run, material)
+        psnr_of = by_material.psnr_of(material)
         for codec in material.codecs:
             psnr = psnr_of.get(codec.label, math.nan)  # NaN without a number that may be compared
             if not math.isnan(psnr):

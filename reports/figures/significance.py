@@ -15,7 +15,7 @@ from reports.figures.canvas import Figure, new, png, short, style
 from reports.front import mean_ranks
 from reports.numbers import interval
 from reports.of_rungs import in_words
-from reports.ranking import against_one
+from reports.ranking import against_one, ranked, with_rank
 from reports.rows import materials
 from reports.rungs import ENOUGH, rungs_of
 from reports.styles import Styles
@@ -28,9 +28,10 @@ def significance(run: Run) -> Iterator[Figure]:
 
     Materials where nothing can be compared have none.
     """
-    against = against_one(run)
+    rows = materials(run)
+    against = against_one(run, rows, with_rank(rows, ranked(rows)))
     styles = Styles(run)
-    parts = {material.name: against.on[material.name] for material in materials(run) if material.name in against.on}
+    parts = {material.name: against.on[material.name] for material in rows if material.name in against.on}
     if len(parts) > 1:
         yield _figure("", f"all {len(parts)} materials", against.first, against.over, styles)
     for name, part in parts.items():

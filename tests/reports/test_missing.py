@@ -6,6 +6,7 @@ from bench.inputs.errors import InputError
 from bench.records import FILE, append, load_run
 from reports import KINDS, table_text
 from reports.notes import missing_note
+from reports.rows import materials
 from reports.summary import summary_table
 
 
@@ -20,7 +21,7 @@ def test_what_was_planned_and_has_no_result_is_named_by_codec_and_material(made)
     made.job("pca", material="satin").job("table", material="satin").unfinished("failed", "why", "table", "brick")
     run = load_run(made.folder)
     says = "No result: table on brick; vq components=4 on brick, satin. Fewer seeds: pca, table on satin."
-    assert (missing_note(run), summary_table(run).notes[-1]) == (says, says)
+    assert (missing_note(run), summary_table(run, materials(run)).notes[-1]) == (says, says)
     shown = table_text(made.folder, "markdown", "unfinished")
     rows = [[cell.strip() for cell in line.split("|")[1:5]] for line in shown.splitlines() if "not run" in line]
     assert rows == [

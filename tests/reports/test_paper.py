@@ -7,6 +7,7 @@ from bench.codecs.registry import current_versions
 from bench.records import PSNR, load_run
 from reports import table_text, write_report
 from reports.paper import PUBLISHED, paper_tables
+from reports.rows import materials
 from reports.tables import all_tables
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results" / "paper-nearest.jsonl"
@@ -14,12 +15,14 @@ PAPER = "neubtf recipe=paper"
 
 
 def short(made, **more):
-    (table,) = paper_tables(load_run(made.folder), **more)
+    run = load_run(made.folder)
+    (table,) = paper_tables(run, materials(run), **more)
     return table
 
 
 def full(made):
-    _, table = paper_tables(load_run(made.folder), every_fit=True)
+    run = load_run(made.folder)
+    _, table = paper_tables(run, materials(run), every_fit=True)
     return table
 
 

@@ -5,8 +5,13 @@ from bench.inputs.errors import InputError
 from bench.records import load_run
 from reports import table_text
 from reports.choice import Choice
+from reports.rows import materials
 from reports.series import plots_of
 from reports.summary import summary_table
+
+
+def summary(run, **more):
+    return summary_table(run, materials(run), **more)
 
 
 def test_a_summary_ranks_codecs_over_materials(made):
@@ -14,7 +19,7 @@ def test_a_summary_ranks_codecs_over_materials(made):
         for label, psnr in zip(("pca", "neubtf", "mean-colour"), psnrs, strict=True):
             made.job(label, material=material, psnr=psnr).job(label, material=material, seed=1, psnr=psnr + 1)
     made.job("vq", psnr=40.0)
-    table = summary_table(load_run(made.folder))
+    table = summary(load_run(made.folder))
     rows = {row[0]: row for row in table.rows}
     assert [row[0] for row in table.rows] == ["neubtf", "pca", "mean-colour", "vq"]
     assert rows["neubtf"][1:5] == ["2 of 2", "1.5", "1", "29.50"]
@@ -34,15 +39,15 @@ def test_a_summary_is_sorted_by_mean_rank_then_psnr_as_its_note_says(made):
     for material, psnrs in psnrs_of.items():
         for label, psnr in zip(("high", "mid", "pca", "low"), psnrs, strict=True):
             made.job(label, material=material, psnr=psnr)
-    table = summary_table(load_run(made.folder))
+    table = summary(load_run(made.folder))
     rows = [(row[0], row[2], row[4]) for row in table.rows]
     assert rows == [("mid", "1.7", "25.00"), ("pca", "2.0", "24.67"), ("high", "2.3", "26.67"), ("low", "4.0", "10.00")]
     assert any("sorted by mean rank" in note for note in table.notes)
 
 
 def test_a_codec_without_error_ranks_first_and_one_alone_has_no_summary(made):
-    assert summary_table(load_run(made.job("table", psnr=100.0).folder)) is None
-    table = summary_table(load_run(made.job("pca").folder))
+    assert summary(load_run(made.job("table", psnr=100.0).folder)) is None
+    table = summary(load_run(made.job("pca").folder))
     exact, other = table.rows
     assert (exact[:5], other[:5]) == (["table", "1 of 1", "1.0", "1", "48.13"], ["pca", "1 of 1", "2.0", "0", "30.00"])
 
@@ -51,7 +56,7 @@ def test_an_exact_codec_is_the_best_by_each_metric_and_counts_in_means(made):
     for material, psnrs in (("satin", (100.0, 100.0, 30.0)), ("brick", (100.0, 30.0, 30.0))):
         for label, psnr in zip(("table", "half", "pca"), psnrs, strict=True):
             made.job(label, material=material, psnr=psnr)
-    table = summary_table(load_run(made.folder))
+    table = summary(load_run(made.folder))
     names = [name for name, _ in table.headers]
     ssim = names.index("SSIM")
     rows = {row[0]: row for row in table.rows}
@@ -64,7 +69,7 @@ def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
     for material in ("satin", "brick"):
         made.job("pca", material=material, psnr=30.0).job("vq", material=material, psnr=28.5)
         made.job("neubtf-direct", material=material, psnr=29.5)
-    table = summary_table(load_run(made.folder))
+    table = summary(load_run(made.folder))
     column = [name for name, _ in table.headers].index("against")
     vq = next(row for row in table.rows if row[0] == "vq")
     assert vq[column:] == ["−1.00", "−1.00 (−1.00 to −1.00)", "−1.00 (−1.00 to −1.00)"]
@@ -72,7 +77,7 @@ def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
     assert any(note.endswith("On fewer than 3 surfaces nothing is told apart.") for note in table.notes)
     for label, psnr in (("pca", 29.0), ("vq", 28.5), ("neubtf-direct", 29.5)):
         made.job(label, material="wool", psnr=psnr)
-    table = summary_table(load_run(made.folder))
+    table = summary(load_run(made.folder))
     against = {row[0]: row[column] for row in table.rows}
     assert (against["neubtf-direct"], against["vq"]) == ("—", "−1.00 *")
     assert not against["pca"].endswith("*")
@@ -98,7 +103,7 @@ def test_one_codec_timed_again_leaves_the_times_of_the_others_and_has_a_star(mad
         made.job(name).timing(name, run="0")
     made.timing("mine", run="1")
     run = load_run(made.folder)
-    table = summary_table(run)
+    table = summary(run)
     times = {row[0]: row[[name for name, _ in table.headers].index("time")] for row in table.rows}
     assert {name for name, time in times.items() if time.endswith("*")} == {"mine"}
     assert "—" not in times.values()
@@ -110,25 +115,25 @@ def test_one_codec_timed_again_leaves_the_times_of_the_others_and_has_a_star(mad
 def test_from_ten_materials_the_mean_has_an_interval_and_no_material_a_column(made):
     for number in range(10):
         made.job("pca", material=f"m{number}", psnr=30.0).job("neubtf-direct", material=f"m{number}", psnr=31.0)
-    table = summary_table(load_run(made.folder))
+    table = summary(load_run(made.folder))
     assert table.headers[-1] == ("against", "neubtf-direct")
     assert table.rows[1][-1] == "−1.00 (−1.00 to −1.00) *"
 
 
 def test_the_row_that_others_are_set_against_is_named_and_can_be_chosen(made, capsys):
     made.job("neubtf-direct width=8", psnr=28.0).job("neubtf-direct", psnr=30.0).job("pca", psnr=29.0)
-    first = summary_table(load_run(made.folder))
+    first = summary(load_run(made.folder))
     assert first.headers[-1] == ("against", "neubtf-direct width=8")
     assert any(note.startswith("Against neubtf-direct width=8 (its first row; --against LABEL") for note in first.notes)
 
     def against(label):
-        table = summary_table(load_run(made.folder), against=label)
+        table = summary(load_run(made.folder), against=label)
         return table.headers[-1][1], {row[0]: row[-1].partition(" ")[0] for row in table.rows}
 
     assert against("neubtf-direct")[1] == {"neubtf-direct": "—", "pca": "−1.00", "neubtf-direct width=8": "−2.00"}
     assert against("pca") == ("pca", {"neubtf-direct": "+1.00", "pca": "—", "neubtf-direct width=8": "−1.00"})
     with pytest.raises(InputError, match=r"--against pcb: no row on all materials .*: name one of neubtf-direct width"):
-        summary_table(load_run(made.folder), against="pcb")
+        summary(load_run(made.folder), against="pcb")
     with pytest.raises(InputError, match="--against pcb: this run has no such row: it has neubtf-direct width=8"):
         table_text(made.folder, kind="summary", choice=Choice(against="pcb"))
     assert cli.main(["table", "main", str(made.folder), "--against", "pca"]) == 2
@@ -137,7 +142,7 @@ def test_the_row_that_others_are_set_against_is_named_and_can_be_chosen(made, ca
     assert "against pca" in capsys.readouterr().out
     made.job("neubtf-direct width=9", psnr=28.0).job("vq a=1").job("vq a=2")
     with pytest.raises(InputError, match="--against vq: it has several rows: name one of vq a=1; vq a=2"):
-        summary_table(load_run(made.folder), against="vq")
+        summary(load_run(made.folder), against="vq")
 
 
 def test_materials_can_be_chosen(made, capsys):
