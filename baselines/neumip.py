@@ -240,9 +240,10 @@ class NeuMIPObjective(Objective):
         The offset's is always blurred, the table only by the setting `blur`. σ in texels is halved from each level to
         the next, so it is as wide on the surface. The offset's texture is None if there is no offset.
         """
-        of_offset, *of_levels = on_host(self._fallings, progress, self.table.device).tensors
         table: Tensor = self.table
+        of_offset = falling(OFFSET_BLUR)
         if self.settings.blur:
+            of_offset, *of_levels = on_host(self._fallings, progress, self.table.device).tensors
             parts = zip(table.split(self.pyramid.counts), self.pyramid.levels, of_levels, strict=True)
             table = torch.cat([blur(values, size, fall) for values, size, fall in parts])
         if self.offset is None:
@@ -250,10 +251,8 @@ class NeuMIPObjective(Objective):
         return table, blur(self.offset, self.samples.shape, of_offset)
 
     def _fallings(self, progress: float) -> Given:
-        """What `blur` takes at some progress, another number at each step: for the offset's texture, then for the
-        levels of the table if these are blurred."""
-        if not self.settings.blur:
-            return Given([falling(OFFSET_BLUR)], plan=())
+        """What `blur` takes with the setting `blur`, another number at each step: for the offset's texture, then for
+        the levels of the table."""
         sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress))
         of_levels = [falling(sigma / 2**level) for level in range(len(self.pyramid.levels))]
         return Given([falling(max(sigma, OFFSET_BLUR)), *of_levels], plan=())
