@@ -68,7 +68,7 @@ def quality_notes(material: MaterialRows) -> list[str]:
         about_quality(", decoded from the file, as a mean over slices."),
         around=("", "", ""),
     )
-    return [defined, *recipe_notes([material]), *_metrics(material), *common_notes(material)]
+    return [defined, *dark_notes([material]), *recipe_notes([material]), *_metrics(material), *common_notes(material)]
 
 
 def recipe_notes(materials: Iterable[MaterialRows]) -> list[str]:
@@ -121,6 +121,16 @@ SCENE_LAST = (
     "Models of a scene stand last and are not ranked: they answer for their scene alone. Their quality is in the table "
     "of scores in the scene."
 )
+
+
+def dark_notes(materials: Iterable[MaterialRows]) -> list[str]:
+    """A note on each material that is exposed so badly that black scores well; its decibels say little."""
+    notes: list[str] = []
+    for material in materials:
+        if material.first is not None and "black" in material.first:
+            score = f"an all-black answer scores {material.first['black']:.1f} dB"
+            notes.append(Note(about_quality(f"On {material.name} {score}: nearly all slices are dark.")))
+    return notes
 
 
 def scene_notes(materials: Iterable[MaterialRows]) -> list[str]:

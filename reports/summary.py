@@ -19,6 +19,7 @@ from bench.records import Run
 from reports.by_material import Measure, in_summary, rows_of
 from reports.notes import (
     about_times,
+    dark_notes,
     height_notes,
     lacking_notes,
     left_out_notes,
@@ -95,7 +96,13 @@ def summary_table(
         rows = [row | values for row, values in zip(rows, differences.rows, strict=True)]
         notes_on_differences = differences.notes
     notes: list[str] = ["Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR."]
-    notes += [*recipe_notes(measured), *scene_notes(measured), *lacking_notes(measured), *notes_on_differences]
+    notes += [
+        *dark_notes(measured),
+        *recipe_notes(measured),
+        *scene_notes(measured),
+        *lacking_notes(measured),
+        *notes_on_differences,
+    ]
     # Notes on times, which only a time that may be compared needs, and on what is left out.
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
     notes += [about_times(text) for text in (*one_texel_notes(timed), *height_notes(measured))]

@@ -52,10 +52,8 @@ def _entry(name: str, wanted_by: str = "") -> EntryPoint:
     if name == COMMAND:
         return _OF_COMMANDS
     if name not in entries:
-        if _lies_here(name):
-            remedy = f": pip install ./{name}"
-        else:
-            remedy = did_you_mean(name, entries)
+        here = [folder for folder in (name, f"{name}-codec") if _has_codec(folder, name)]
+        remedy = f": pip install ./{here[0]}" if here else did_you_mean(name, entries)
         raise InputError(f"{_prefix(wanted_by)}no codec named {name!r} is installed{remedy}")
     return entries[name]
 
@@ -67,10 +65,10 @@ def _prefix(wanted_by: str) -> str:
     return f"{wanted_by}: "
 
 
-def _lies_here(name: str) -> bool:
-    """Whether the working directory has a folder of that name that is a package with such a codec."""
+def _has_codec(folder: str, name: str) -> bool:
+    """Whether a folder of the working directory is a package with a codec of that name."""
     try:
-        project = tomllib.loads(Path(name, "pyproject.toml").read_text("utf-8"))["project"]
+        project = tomllib.loads(Path(folder, "pyproject.toml").read_text("utf-8"))["project"]
         return name in project["entry-points"][GROUP]
     except (OSError, ValueError, KeyError, TypeError):
         return False

@@ -383,7 +383,8 @@ def framed(tested: CodecUnderTest) -> str | None:
     undecided = answers.undecided()  # other arrangements, with which the answers are about the same
     if not undecided:
         return None
-    return f"its answers are the same {'; '.join(undecided)}"
+    count = f"{len(undecided)} mistake{'s' * (len(undecided) > 1)}"
+    return f"{count} cannot be told from its answers, which would be the same {'; '.join(undecided)}"
 
 
 Check = Callable[[CodecUnderTest], str | None]  # raises on failure; returns a note or None

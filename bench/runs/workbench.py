@@ -227,6 +227,7 @@ class Workbench:
         return np.intersect1d(self.scored, self.groups[deciding_group(self.groups)])
 
 
+FEW_PAIRS = 5  # fewer that decide say little of a material, and a warning says so
 _latest: dict[object, Workbench] = {}  # the last one that was opened, no more: a scorer keeps hundreds of megabytes
 _ONE_AT_A_TIME = threading.Lock()  # threads of a process share PyTorch's thread count and the open material
 
@@ -257,5 +258,8 @@ def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
             opened = Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)
             if opened.exposed.fault:
                 log.warning("%s: %s", what.material.name, opened.exposed.fault)
+            if len(opened.deciding) < FEW_PAIRS:
+                few = "%s: %d pair(s) decide: mark more as held out, or raise data.holdout"
+                log.warning(few, what.material.name, len(opened.deciding))
             _latest[key] = opened
         yield _latest[key]

@@ -31,7 +31,7 @@ def small(tmp_path, monkeypatch, brief):
 @pytest.mark.long
 def test_a_student_comes_from_arrays_and_a_codec_to_a_table_of_latex(tmp_path, monkeypatch, capsys):
     exec(blocks(STUDENT, "python")[0], {})
-    assert "<BTF mine: 8 × 8 texels, 33 pairs>" in capsys.readouterr().out
+    assert "<BTF mine: 12 × 12 texels, 33 pairs>" in capsys.readouterr().out
     site = ""
     for line in blocks(STUDENT)[0].splitlines():
         words = shlex.split(line)
@@ -73,11 +73,14 @@ def test_a_studio_comes_from_maps_to_a_shader_and_its_bytes_on_a_gpu(tmp_path, c
     }.items():
         Image.fromarray(levels.astype(np.uint8)).save(tmp_path / "maps" / f"{name}.png")
     (tmp_path / "small.toml").write_text(blocks(STUDIO, "toml")[0])
-    choose, export = map(shlex.split, blocks(STUDIO)[0].splitlines())
+    choose, *look, export = map(shlex.split, blocks(STUDIO)[0].splitlines())
     assert cli.main(choose[1:]) == 0
     command = shlex.split(capsys.readouterr().out.splitlines()[-1])
     assert command[:2] == ["neubtf-bench", "encode"]
     assert cli.main(command[1:]) == 0
+    assert [cli.main(words[1:]) for words in look] == [0, 0]
+    assert (tmp_path / "maps.html").exists()
+    assert (tmp_path / "maps.png").exists()
     assert cli.main(export[1:]) == 0
     said = capsys.readouterr().out
     (held,) = re.findall(r"^([\d,]+) bytes of textures on a GPU", said, re.M)

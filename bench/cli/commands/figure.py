@@ -19,14 +19,14 @@ from bench.cli.commands import several
 from bench.files import atomic
 from bench.inputs.errors import FINE, InputError, visible, writable
 from reports.choice import Choice, new_names
-from reports.drawn import PAIRS, Wanted, drawn
+from reports.drawn import KINDS, PAIRS, Wanted, drawn
 
 ENDINGS = (".png", ".svg", ".pdf")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command to its parser."""
-    parser.add_argument("kind", metavar="KIND", help="pairs, or a kind of a report's figures: rate, contact, …")
+    parser.add_argument("kind", metavar="KIND", help=", ".join(KINDS))
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folders of runs, or files of records")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the file to write: .png, .svg or .pdf")
     several(parser, "--codec", "only this codec, or this row; repeatable")

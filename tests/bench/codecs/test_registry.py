@@ -50,12 +50,13 @@ def test_a_class_must_be_there_bear_the_name_of_its_entry_point_and_have_a_versi
         registry.load_codec("pca")
 
 
-def test_an_unknown_codec_whose_folder_lies_here_is_told_how_to_install_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize("folder", ["mine", "mine-codec"])  # as `new codec mine` calls it
+def test_an_unknown_codec_whose_folder_lies_here_is_told_how_to_install_it(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine").mkdir()
+    (tmp_path / folder).mkdir()
     text = '[project.entry-points."neubtf_bench.codecs"]\nmine = "mine:Mine"\n'
-    (tmp_path / "mine" / "pyproject.toml").write_text(text)
-    with pytest.raises(InputError, match=r"no codec named 'mine' is installed: pip install \./mine"):
+    (tmp_path / folder / "pyproject.toml").write_text(text)
+    with pytest.raises(InputError, match=rf"no codec named 'mine' is installed: pip install \./{folder}$"):
         registry.load_codec("mine")
 
 
