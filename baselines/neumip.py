@@ -27,19 +27,20 @@ from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.training import (
     Batch,
+    FromHost,
     Objective,
     ParameterGroup,
     Samples,
     TextureSettings,
     gain_of,
     groups_of,
+    on_host,
     phase_by_halves,
     train,
 )
 from bench.training.decoder import Architecture, Decoder
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.inputs import COUNTS, Directions, direction_inputs
-from bench.training.replay import Given, on_host
 from bench.training.stored_network import load_network, store_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
@@ -250,12 +251,12 @@ class NeuMIPObjective(Objective):
             return table, None
         return table, blur(self.offset, self.samples.shape, of_offset)
 
-    def _fallings(self, progress: float) -> Given:
+    def _fallings(self, progress: float) -> FromHost:
         """What `blur` takes with the setting `blur`, another number at each step: for the offset's texture, then for
         the levels of the table."""
         sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress))
         of_levels = [falling(sigma / 2**level) for level in range(len(self.pyramid.levels))]
-        return Given([falling(max(sigma, OFFSET_BLUR)), *of_levels], plan=())
+        return FromHost([falling(max(sigma, OFFSET_BLUR)), *of_levels], plan=())
 
     def textures(self, progress: float) -> tuple[Tensor, Tensor | None]:
         """The table and the offset texture of `blurred`, rounded as the file will hold them, once bits are chosen."""

@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from bench.metrics.display import LUMA
-from bench.training.replay import Given, on_host
+from bench.training import FromHost, on_host
 from neubtf.autoencoder import STRIDE
 
 LEAST_BLUR = 1e-3  # σ in texels, which leaves a picture as it is
@@ -210,13 +210,13 @@ class Disturbance:
     def disturbed(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], each disturbed at random, within [0, 1]."""
 
-        def drawn(progress: float) -> Given:
+        def drawn(progress: float) -> FromHost:
             """The weights of the blur and their sums, and the strength and the numbers of the noise."""
             blur, noise = torch.rand(2, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
             weights, total = gaussians(self.blur * blur)
             grain = torch.randn(pictures.shape, generator=generator)
             precise = [weights, total, self.noise * noise]
-            return Given([*(values.to(pictures.dtype) for values in precise), grain], plan=weights.shape)
+            return FromHost([*(values.to(pictures.dtype) for values in precise), grain], plan=weights.shape)
 
         pictures = self.recoloured(pictures, generator)
         weights, total, strength, grain = on_host(drawn, 0.0, pictures.device).tensors
@@ -227,12 +227,12 @@ class Disturbance:
     def recoloured(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], each at random in other colours, within [0, 1]."""
 
-        def drawn(progress: float) -> Given:
+        def drawn(progress: float) -> FromHost:
             """The matrices of hue, and the factors of saturation."""
             hue, saturation = torch.rand(2, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
             factor = 1 + self.saturation * (2 * saturation - 1)
             precise = [rotation(self.hue * hue), factor]
-            return Given([values.to(pictures.dtype) for values in precise], plan=())
+            return FromHost([values.to(pictures.dtype) for values in precise], plan=())
 
         matrix, factor = on_host(drawn, 0.0, pictures.device).tensors
         return saturated(turned(pictures, matrix), factor)

@@ -22,6 +22,7 @@ from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Ran
 from bench.training import (
     Batch,
     Decoder,
+    FromHost,
     LogLoss,
     NetworkSettings,
     Objective,
@@ -30,9 +31,9 @@ from bench.training import (
     distance,
     first_latents,
     groups_of,
+    on_host,
     phase_by_halves,
 )
-from bench.training.replay import Given, on_host
 from neubtf.augmentation import Crop, Disturbance, draw_scale
 from neubtf.autoencoder import STRIDE, Encoder, displayed
 from neubtf.renderer import RendererSettings, render
@@ -214,7 +215,7 @@ class Staged(Guided):
         other colours."""
         samples, settings = self.samples, self.settings
 
-        def drawn(progress: float) -> Given:
+        def drawn(progress: float) -> FromHost:
             """The window and what it shows; its texels and, of a slice, the pair."""
             exploring = float(torch.rand((), generator=generator)) < settings.explore
             scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
@@ -222,9 +223,9 @@ class Staged(Guided):
             if not exploring:  # the cells of the window are then those of the whole guidance
                 window = window.aligned()
                 recoloured = float(torch.rand((), generator=generator)) < settings.recolour
-                return Given([window.texels(samples.shape)], plan=(window.moved(0, 0), False, recoloured))
+                return FromHost([window.texels(samples.shape)], plan=(window.moved(0, 0), False, recoloured))
             pair = torch.randint(samples.pairs, (), generator=generator)
-            return Given([window.texels(samples.shape), pair[None]], plan=(window.moved(0, 0), True, False))
+            return FromHost([window.texels(samples.shape), pair[None]], plan=(window.moved(0, 0), True, False))
 
         (texels, *pair), (window, of_slice, recoloured) = on_host(drawn, 0.0, samples.device)
         if of_slice:

@@ -1,5 +1,6 @@
 """One thread a process: threads that wait for each other cost more than they give on pictures this small."""
 
+import hashlib
 import math
 import os
 import subprocess
@@ -13,6 +14,23 @@ from typing import Any
 import pytest
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy and PyTorch are first imported, after this file
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The option for a share of the long tests, all of which take too long for each change."""
+    parser.addoption("--share", type=int, metavar="N", help="also run one in N long tests, other ones for each commit")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Take the long tests of the share that this commit runs for short ones."""
+    share = config.getoption("--share")
+    if not share:
+        return
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, cwd=config.rootpath, check=True).stdout
+    for item in items:
+        digest = hashlib.sha1(commit + item.nodeid.encode()).digest()
+        if int.from_bytes(digest[:4]) % share == 0:
+            item.own_markers = [mark for mark in item.own_markers if mark.name != "long"]
 
 
 def pytest_configure() -> None:

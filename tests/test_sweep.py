@@ -28,6 +28,7 @@ def test_surfaces_that_are_kept_apart_choose_nothing(tmp_path: Path) -> None:
             sweep.main([str(tmp_path / "a.jsonl"), "--surfaces", surface])
 
 
+@pytest.mark.long
 def test_trials_are_made_once_and_compared(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(sweep, "trials", lambda codec: [{}, {"weights": "int8"}])
     out = tmp_path / "a.jsonl"

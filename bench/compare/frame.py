@@ -26,9 +26,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import nan
 from os import PathLike
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from bench.codecs.alike import obstacles, stale
 from bench.compare.choosing import fused_times, gpu_times
@@ -45,6 +43,9 @@ from bench.records import (
     kind_of,
     load_run,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 EAGER, FUSED = "eager", "fused"  # kinds of times of a query
 _START_TIME = "%Y%m%dT%H%M%S.%f"
@@ -64,7 +65,7 @@ _VALUES = ("mean", "pooled", "worst")  # statistics of a metric that have its un
 _Row = dict[str, Any]  # by column
 
 
-def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.DataFrame:
+def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> "pd.DataFrame":
     """The jobs of one or several runs, given their folders or files of records (`.jsonl`), which `folder` names.
 
     The columns `why` and `stale` are of each run by itself; times on a GPU count for the settings of all of them.
@@ -83,7 +84,7 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
     return _framed(rows, [job for run in runs.values() for job in run.jobs])
 
 
-def frame_of(run: Run, records: bool = True) -> pd.DataFrame:
+def frame_of(run: Run, records: bool = True) -> "pd.DataFrame":
     """The jobs of a run, or of several that were loaded as one, in its order; or only the columns before `records`."""
     return _framed(list(values_of(run, records=records)), run.jobs)
 
@@ -105,8 +106,10 @@ def setting_of(job: Job) -> str:
     return " ".join(settings)
 
 
-def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> pd.DataFrame:
+def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> "pd.DataFrame":
     """The rows as a frame, with the units and directions that the records of `jobs` know; no columns without rows."""
+    import pandas as pd  # slow to import, and the values alone do not need it
+
     columns: dict[str, list[Any]] = {}
     for number, row in enumerate(rows):
         for name, value in row.items():

@@ -7,6 +7,7 @@ from bench.training.decoder import Decoder
 from bench.training.fitting import LogLoss, Loss, Objective, better_start, distance, phase_by_halves, train
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.optimiser import Optimiser, ParameterGroup, groups_of
+from bench.training.replay import FromHost, on_host
 from bench.training.samples import Batch, Samples, gain_of
 from bench.training.stored_texture import (
     Bits,

@@ -32,7 +32,7 @@ MOST_GRAPHS = 64  # of a fit; rarer kinds of steps are taken one by one: each gr
 Decisions = tuple[Hashable, ...]
 
 
-class Given(NamedTuple):
+class FromHost(NamedTuple):
     """What the host gives a step: tensors of the CPU, and a plan on which the step's program depends."""
 
     tensors: list[Tensor]
@@ -44,12 +44,12 @@ class Draw:
     """What the host gives a step at one place of it: how it is made at a progress, what the first step had, and what
     reads it."""
 
-    make: Callable[[float], Given]
-    first: Given
+    make: Callable[[float], FromHost]
+    first: FromHost
     buffers: list[Tensor] = field(default_factory=list)  # memory of the device in which the step reads the tensors
     decides: bool = False  # whether the host reads it
 
-    def decision(self, given: Given) -> Hashable:
+    def decision(self, given: FromHost) -> Hashable:
         """What of it the step's program depends on."""
         return given.tensors[0].item() if given.plan is None else given.plan
 
@@ -88,14 +88,14 @@ class Drawing(TorchFunctionMode):
         _drawings.pop()
         super().__exit__(*error)  # type: ignore[no-untyped-call]
 
-    def next(self, make: Callable[[float], Given], progress: float) -> Draw:
+    def next(self, make: Callable[[float], FromHost], progress: float) -> Draw:
         """The next draw: a known one, or a new one."""
         if not self.known:
             self.draws.append(Draw(make, make(progress)))
         self.count += 1
         return self.draws[self.count - 1]
 
-    def planned(self, make: Callable[[float], Given], progress: float, device: torch.device) -> Given:
+    def planned(self, make: Callable[[float], FromHost], progress: float, device: torch.device) -> FromHost:
         """What `on_host` gives."""
         self.on_host = True
         draw = self.next(make, progress)
@@ -103,14 +103,14 @@ class Drawing(TorchFunctionMode):
         draw.decides = True
         if not self.known:
             draw.buffers = _on(device, draw.first.tensors)
-        return Given(draw.buffers, draw.first.plan)
+        return FromHost(draw.buffers, draw.first.plan)
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = kwargs or {}
         if self.on_host:
             return func(*args, **kwargs)
         if kwargs.get("generator") is self.generator:
-            return self.next(lambda progress: Given([func(*args, **kwargs)]), 0.0).first.tensors[0]
+            return self.next(lambda progress: FromHost([func(*args, **kwargs)]), 0.0).first.tensors[0]
         draw = next((draw for draw in self.draws if args and args[0] is draw.first.tensors[0]), None)
         if draw is not None and func is Tensor.to:
             if not draw.buffers:
@@ -125,7 +125,7 @@ class Drawing(TorchFunctionMode):
 _drawings = list[Drawing]()
 
 
-def on_host(make: Callable[[float], Given], progress: float, device: torch.device) -> Given:
+def on_host(make: Callable[[float], FromHost], progress: float, device: torch.device) -> FromHost:
     """What `make` gives a step at a progress, its tensors on the device.
 
     `make` may draw random numbers, and do with them on the host what it likes. Its plan, which is hashable and not
@@ -134,7 +134,7 @@ def on_host(make: Callable[[float], Given], progress: float, device: torch.devic
     if _drawings:
         return _drawings[-1].planned(make, progress, device)
     given = make(progress)
-    return Given(_on(device, given.tensors), given.plan)
+    return FromHost(_on(device, given.tensors), given.plan)
 
 
 def _on(device: torch.device, tensors: list[Tensor]) -> list[Tensor]:
@@ -196,9 +196,9 @@ class Steps:
         program.replay()
         return program.loss
 
-    def _drawn(self, phase: Hashable, progress: float) -> tuple[Decisions, list[Given]]:
+    def _drawn(self, phase: Hashable, progress: float) -> tuple[Decisions, list[FromHost]]:
         """The decisions and all that the host gives a step, as far as earlier steps tell how it is made."""
-        numbers: list[Given] = []
+        numbers: list[FromHost] = []
         decisions: Decisions = ()
         while draw := self.next_draw.get((phase, len(numbers), decisions)):
             numbers.append(draw.make(progress))

@@ -52,6 +52,7 @@ def test_a_decoded_file_answers_as_the_equations(trained: TrainedNetwork, kind: 
     assert told > 10
 
 
+@pytest.mark.long
 def test_a_material_comes_near_its_data_while_the_decoder_stays(trained: TrainedNetwork) -> None:
     fit, before = Fit(network=trained), trained.parts.decoder["weights"].clone()
     codec(steps=500).encode(tiny_btf(), fit)
@@ -59,6 +60,7 @@ def test_a_material_comes_near_its_data_while_the_decoder_stays(trained: Trained
     assert torch.equal(trained.parts.decoder["weights"], before)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bits", [0, 2])
 def test_a_texel_that_falls_back_to_its_mean_leaves_the_others_as_the_fit_saw_them(
     trained: TrainedNetwork, bits: int

@@ -71,6 +71,7 @@ def test_bits_of_the_log_domain(tmp_path: Path, bits: int, tolerance: float) -> 
     assert np.linalg.norm(got - table(btf)) <= tolerance * np.linalg.norm(table(btf))
 
 
+@pytest.mark.long
 def test_the_parts_are_of_the_stated_sizes() -> None:
     btf = made(100, 20, 20, views=10)
     for bits in (32, 16, 8, 4, 0):
@@ -82,6 +83,7 @@ def test_the_parts_are_of_the_stated_sizes() -> None:
                 assert kept.nbytes <= numbers * (bits or 8) / 8 + 7
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("streamed")
 def test_the_same_seed_gives_the_same_bytes() -> None:
     btf = made(100, 20, 20, views=10)
@@ -108,6 +110,7 @@ class Counted(Source):
         return np.full((len(pair), 3), 0.5, np.float32)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("streamed")
 def test_the_data_are_read_as_often_as_stated_and_never_held(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bench.training.svd.BLOCK_BYTES", 1 << 20)

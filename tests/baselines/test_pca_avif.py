@@ -15,6 +15,7 @@ from bench.inputs.errors import InputError
 from tests.baselines.made import slices, stored, table
 
 
+@pytest.mark.long
 def test_at_the_best_quality_it_answers_as_pca(tmp_path: Path) -> None:
     btf = tiny_btf()
     (tmp_path / "pca").mkdir()

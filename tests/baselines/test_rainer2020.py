@@ -28,6 +28,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainedNetwork:
     return shared.read(shared.make(ours, others(tiny_btf()), Fit(), path).path)
 
 
+@pytest.mark.long
 def test_a_material_it_has_not_seen_comes_near_its_data(trained: TrainedNetwork) -> None:
     """Nearer than the mean colour of each texel comes, at the pairs it was given and at others."""
     seen, all_pairs = tiny_btf(), tiny_btf(views=20, lights=20)

@@ -94,6 +94,7 @@ def test_relief_is_nearer_than_none() -> None:
     assert error() < 0.8 * error(relief=False)
 
 
+@pytest.mark.long
 def test_bits_are_what_is_paid() -> None:
     """Latents of n bits in the mean take at most n bits of the file, and their channels a byte each."""
     noise = BTF("noise", tiny_btf().wo, tiny_btf().wi, ArraySource(np.random.default_rng(0).random((81, 32, 32, 3))))
@@ -117,6 +118,7 @@ def test_a_height_is_stored_as_finely_as_it_is_felt() -> None:
     assert len(stored.unique()) < 64
 
 
+@pytest.mark.long
 def test_a_height_is_refined_toward_the_truth() -> None:
     btf, truth = bumps()
 
@@ -129,6 +131,7 @@ def test_a_height_is_refined_toward_the_truth() -> None:
     assert error(steps=80) < 0.9 * error(steps=1, refine=False)  # which no step changes
 
 
+@pytest.mark.long
 def test_an_altered_height_is_searched_all_the_same() -> None:
     codec, (btf, _) = Relief(steps=2, batch=64), bumps()
     parts = codec.encode(btf, Fit())
@@ -158,6 +161,7 @@ def test_a_file_answers_as_the_fit_did(monkeypatch: pytest.MonkeyPatch) -> None:
     torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.long
 def test_a_refined_height_that_diverges_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
     poisoned, found = list[float](), ReliefObjective.loss

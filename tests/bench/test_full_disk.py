@@ -57,6 +57,7 @@ def test_each_command_says_one_line_and_leaves_nothing(tmp_path):
     assert not any((tmp_path / name).exists() for name in ("b.nbtf", "slices", "demand-table-top.npz", "a.json"))
 
 
+@pytest.mark.long
 def test_a_full_cache_is_no_failure_of_a_job_and_the_same_command_goes_on(tmp_path, monkeypatch, capsys):
     full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
     place = str(tmp_path / "cache" / "scratch" / "a.npy")

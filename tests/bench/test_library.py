@@ -41,6 +41,7 @@ def test_the_example_of_the_page_runs_and_has_ten_lines(capsys):
     assert "(32, 32) 101" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_file_of_a_run_scores_what_its_record_says(tmp_path, folder):
     words = ["run", "quick", "--out", "run", "--material", str(folder), "--codec", "pca", "--set", "components=3"]
     assert cli.main(words) == 0
@@ -64,6 +65,7 @@ def test_a_command_a_script_and_a_run_make_the_same_file(tmp_path, folder):
     assert container.read_header(Path("0.nbtf")).sha256 != script.sha256
 
 
+@pytest.mark.long
 def test_a_script_runs_a_suite_as_the_command_does_and_gets_a_frame(tmp_path, folder):
     words = ["run", "quick", "--out", "run", "--material", str(folder), "--codec", "pca"]
     assert cli.main(words) == 0
@@ -84,6 +86,7 @@ def test_a_script_runs_a_suite_as_the_command_does_and_gets_a_frame(tmp_path, fo
         bench.run(suite | {"seeds": object()}, "dictionary")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("decodes_here")
 def test_a_script_checks_a_codec_as_the_command_does():
     results = list(bench.check("mean-colour", half=False))
@@ -140,6 +143,7 @@ def test_a_script_searches_the_smallest_file_for_a_scene_as_the_command_does(tmp
     assert missed.described().startswith("The target is not reached")
 
 
+@pytest.mark.long
 def test_a_file_is_scored_at_the_test_pairs_of_another_seed_as_a_run_does(tmp_path, capsys):
     size = {"size": 8, "views": 4, "lights": 4, "heldout": 6, "low_light": 2, "between": 2}
     changes = [word for key, value in size.items() for word in ("--set", f"data.{key}={value}")]
@@ -312,6 +316,7 @@ def test_what_is_no_name_or_path_is_told_where_arrays_go_and_not_printed():
         bench.open({"radiance": np.zeros((4, 2, 2, 3))})
 
 
+@pytest.mark.long
 def test_a_setting_that_a_material_has_not_is_told_with_the_one_it_has(folder, capsys):
     with pytest.raises(InputError, match=r"data\.size: btf is measured, which has no such setting: give data\.texels"):
         bench.open(folder, size=8)
@@ -330,6 +335,7 @@ def test_a_setting_that_a_material_has_not_is_told_with_the_one_it_has(folder, c
     assert said in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_material_and_a_folder_of_slices_score_as_the_file_they_come_from(folder, capsys):
     btf = bench.open(folder)
     bench.encode(btf, "pca", "a.nbtf", components=3)
@@ -373,6 +379,7 @@ def test_version_and_author_are_the_same_wherever_they_stand():
     assert bench.__version__ == project["version"]
 
 
+@pytest.mark.long
 def test_the_longest_name_of_a_material_leaves_room_for_every_file_of_a_run(tmp_path):
     made, name = tiny_btf(), "a" * 196 + ".npz"
     np.savez(tmp_path / name, radiance=np.stack(list(made)), wo=made.wo, wi=made.wi)

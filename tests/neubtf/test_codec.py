@@ -124,6 +124,7 @@ def test_every_way_to_fit_gives_a_texture(settings: dict[str, Any]) -> None:
     assert codec.decode(parts, torch.device("cpu")).slice([0.0, 0.0, 1.0], [0.0, 0.0, 1.0]).std() > 0
 
 
+@pytest.mark.long
 def test_every_weight_matters() -> None:
     others: list[dict[str, Any]] = [{}, {"pixel": 0.5}]
     others += [{name: 0.0} for name in ("style", "frequency", "hue", "blur", "noise")]

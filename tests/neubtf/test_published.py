@@ -122,6 +122,7 @@ def test_shown_is_radiance_in_the_range_of_a_display() -> None:
     np.testing.assert_allclose(linear_display(torch.tensor([0.0, 8 * 0.5, 8 * 2.0]).log1p()), [0, 0.5, 1], rtol=1e-6)
 
 
+@pytest.mark.long
 def test_the_guidance_of_a_file_is_the_slice_whose_texture_answers_best() -> None:
     fitting = published(smallest=1.0)
     optimiser = torch.optim.Adam(fitting.parameters(), 3e-3)

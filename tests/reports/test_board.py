@@ -129,6 +129,7 @@ def test_records_get_the_pictures_of_a_run_at_hand_of_the_same_files_alone(made,
     assert "data:image" not in write(tmp_path / "site", published)["material-satin.html"]
 
 
+@pytest.mark.long
 def test_the_front_opens_with_the_best_three_on_a_surface_whose_pictures_may_be_shown(made, tmp_path):
     kinds = {"hidden": {"source": "measured"}, "shown": {"source": RENDERED, "renderer_version": 1}}
     for material, provenance in kinds.items():
@@ -181,6 +182,7 @@ def test_strings_of_records_stay_text_and_name_no_other_place(made, tmp_path):
         assert not re.search(r"""<[^<>"']*("[^"]*"[^<>"']*)*\sonerror=""", markup)
 
 
+@pytest.mark.long
 def test_the_board_needs_no_clone_but_records_and_says_how_to_make_them(made, tmp_path, monkeypatch, capsys):
     made.job("pca")
     (tmp_path / "empty").mkdir()

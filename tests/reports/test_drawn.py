@@ -61,6 +61,7 @@ def test_a_figure_has_the_chosen_rows_under_their_new_names(folder):
     assert "Mean" in found
 
 
+@pytest.mark.long
 def test_the_width_on_paper_is_what_was_asked_for(folder):
     for kind in ("pairs", "contact", "rate"):
         text = drawn(folder, kind, "--width", "8.5").read_text(encoding="utf-8")

@@ -65,6 +65,7 @@ def test_a_letter_with_an_accent_does_not_split_a_word_of_a_label():
     assert label(Table("main", "Häuser 128 × 128 (dB)", [], [])) == "tab:main-hauser-128-128"
 
 
+@pytest.mark.long
 def test_pdflatex_knows_every_character_of_tables_of_budgets(tmp_path):
     """Beyond ASCII it knows only letters with accents and some signs, without a package."""
     published = Path(__file__).parents[2] / "docs/results/former.jsonl"
@@ -96,6 +97,7 @@ def test_signs_and_greek_letters_are_mathematics():
     assert escaped("4–8, ‘a’") == "4--8, `a'"
 
 
+@pytest.mark.long
 def test_a_papers_reader_is_sent_to_no_page_command_or_option(made):
     for note, kept in (
         ("Read off the hull (docs/metrics.md, “Curves”). —: none.", "Read off the hull. ---: none."),

@@ -274,6 +274,7 @@ def test_bounds_are_sorted_as_numbers_and_exact_is_the_best_in_either_direction(
     tab.close()
 
 
+@pytest.mark.long
 def test_a_codec_is_ticked_off_in_all_plots(opened):
     opened.locator("#codecs summary").click()
     box = opened.locator("#codecs").get_by_label("vq")
@@ -304,6 +305,7 @@ def test_a_table_that_the_window_cuts_off_says_so(opened):
         assert tools.locator(".more").is_visible() or width == 1000
 
 
+@pytest.mark.long
 @pytest.mark.timeout(120)
 def test_every_codec_is_named_however_near_the_points_are(browser, tmp_path, made):
     labels = [f"{letter}-codec" for letter in "abcdefghijklmn"]
@@ -414,6 +416,7 @@ def test_a_record_opens_where_a_number_leads(opened):
     assert (found["job"]["parameters"], found["timing"]["ns_per_sample"]) == (3011, 123.4)
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_a_live_material_changes_with_its_light(opened):
     root = opened.locator("[data-live]")

@@ -42,6 +42,7 @@ def test_a_run_without_a_result_says_so(made):
     assert not list(made.folder.glob("figures/*"))
 
 
+@pytest.mark.long
 def test_figures_and_choices_of_an_earlier_report_go(made):
     write_report(made.job().job("vq").timing().trade("vq").folder)
     before = {path.name for path in made.folder.glob("figures/*")}
@@ -83,6 +84,7 @@ def test_every_figure_is_written_as_svg_and_pdf_where_that_is_asked(made, capsys
     assert first == {path.name: path.read_bytes() for path in (made.folder / "figures").iterdir()}
 
 
+@pytest.mark.long
 def test_a_report_draws_the_formats_again_that_are_there(made):
     made.job("a").job("b", psnr=31.0)
     write_report(made.folder)

@@ -210,6 +210,7 @@ def test_every_example_of_every_help_text_is_a_command_that_parses():
     assert {words[0] for words in examples()} == {*ORDER}
 
 
+@pytest.mark.long
 def test_the_examples_of_quick_commands_run(scratch):
     quick = [words for words in examples() if words[0] in QUICK or words[:2] == ["encode", "satin"]]
     assert codes_but_fine(quick) == {}

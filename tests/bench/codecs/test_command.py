@@ -53,6 +53,7 @@ def brief(monkeypatch, undrawn):
     monkeypatch.delenv("NEUBTF_PERMIT", raising=False)
 
 
+@pytest.mark.long
 def test_programs_are_scored_as_a_codec_is(tmp_path, capsys):
     assert cli.main(["run", suite(tmp_path), "--out", str(tmp_path / "run")]) == 0
     run = load_run(tmp_path / "run")

@@ -96,6 +96,7 @@ def test_the_working_directory_is_restored_and_a_check_says_that_it_was_left(tmp
     assert Path.cwd() == tmp_path
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("decodes_here")
 def test_a_process_that_a_codec_forks_ends_with_its_encode(tmp_path):
     endings = []

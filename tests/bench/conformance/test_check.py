@@ -120,6 +120,7 @@ def test_a_broken_codec_is_caught(codec, promise, monkeypatch):
     assert any(promise in f"{name}: {why}" for name, why in failed.items()), failed
 
 
+@pytest.mark.long
 def test_a_codec_that_needs_the_process_of_its_fit_is_caught(monkeypatch):
     failed = failures(Remembers, monkeypatch)
     assert any("fresh process" in f"{name}: {why}" for name, why in failed.items()), failed
@@ -214,6 +215,7 @@ class Slow(MeanColour):
         return Parts(texture={"mean": mean * (1 - 0.95**self.settings.steps) + 0.01 * 0.95**self.settings.steps})
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("decodes_here")
 def test_a_codec_that_learns_slowly_is_told_once_how_to_give_it_more_steps(tmp_path, monkeypatch):
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": Slow)
@@ -285,6 +287,7 @@ def test_a_tensor_that_meets_the_gpus_on_the_cpu_is_named_with_the_authors_line(
     assert f"{__file__}:" in message
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("decodes_here")
 def test_a_file_of_one_number_is_noted(monkeypatch):
     def padded(self, btf, fit):
@@ -297,6 +300,7 @@ def test_a_file_of_one_number_is_noted(monkeypatch):
     assert "other/padding (200,000 bytes)" in note
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("decodes_here")
 def test_a_pytorch_that_emulates_no_gpu_fails_no_codec(monkeypatch):
     monkeypatch.setattr(emulated, "_libraries", [])
@@ -316,6 +320,7 @@ print([result.reason for result in verdicts.check(MeanColour())])
 """
 
 
+@pytest.mark.long
 def test_a_process_that_took_a_gradient_emulates_no_gpu_and_fails_no_codec(gpu):
     done = subprocess.run([sys.executable, "-c", AFTER_A_GRADIENT], capture_output=True, text=True, check=True)
     assert done.stdout == "['a GPU is emulated only in a process that took no gradient before']\n"

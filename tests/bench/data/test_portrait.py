@@ -36,12 +36,14 @@ def test_nothing_is_wrong_with_a_sound_btf_and_held_out_pairs_are_not_missing(bt
     assert look(btf).warnings() == look(split).warnings() == []
 
 
+@pytest.mark.long
 def test_a_strip_of_texels_has_a_portrait(btf, tmp_path):
     strip = like(btf, np.random.default_rng(0).uniform(0.1, 1, (len(btf), 1, 600, 3)))
     draw(look(strip), tmp_path / "strip.png")
     assert look(strip).thumbs[0].shape == (1, 600, 3)
 
 
+@pytest.mark.long
 def test_a_users_settings_of_matplotlib_do_not_reach_a_portrait(btf, tmp_path, users_settings):
     draw(look(btf), tmp_path / "plain.png")
     with users_settings():
@@ -49,6 +51,7 @@ def test_a_users_settings_of_matplotlib_do_not_reach_a_portrait(btf, tmp_path, u
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "plain.png").read_bytes()
 
 
+@pytest.mark.long
 def test_no_two_numbers_of_a_polar_plot_overlap(btf, tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(portrait, "_draw_directions", lambda *args: (drawn.append(args[0]), draw_directions(*args)))
@@ -67,6 +70,7 @@ def test_a_missing_cosine_is_suspected(btf):
     assert look(like(btf, matt * btf.wi[:, 2, None, None, None])).power == pytest.approx(1, abs=0.1)
 
 
+@pytest.mark.long
 def test_a_few_mirrors_that_make_all_else_black_are_warned_of(btf, tmp_path, caplog):
     values = np.stack(list(btf))
     assert not any("black scores" in warning for warning in look(btf).warnings())
@@ -211,6 +215,7 @@ def test_a_seam_is_named_with_its_border(btf, axis, border):
     assert "although the data call it periodic" in warning
 
 
+@pytest.mark.long
 def test_info_repairs_and_takes_the_unit_of_angles_as_its_errors_suggest(tmp_path, btf, capsys):
     values = values_of(btf)
     values[0, 0, 0, 0] = np.nan

@@ -191,6 +191,7 @@ def search(tmp_path, queries, codec):
     return Search(codec, noisy_btf(), FrameScorer(noisy_btf(), queries), Fit, tmp_path)
 
 
+@pytest.mark.long
 def test_a_search_finds_the_smallest_that_does_as_well_as_the_full_model(tmp_path):
     result = search(tmp_path, demand_of(NEAR), PCA(components=8)).run()
     assert result.met
@@ -217,6 +218,7 @@ def test_a_target_is_met_or_the_best_is_given(tmp_path):
     assert everything.chosen is everything.full
 
 
+@pytest.mark.long
 def test_encode_writes_the_scene_model_and_its_table(tmp_path, capsys):
     np.savez(tmp_path / "no.npz", a=1)
     demand_of(NEAR).save(tmp_path / "near.npz")

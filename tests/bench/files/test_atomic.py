@@ -42,6 +42,7 @@ def test_a_file_in_the_way_of_a_folder_is_an_error_that_names_it(wanted, tmp_pat
     assert (tmp_path / "a" / "b").is_dir()
 
 
+@pytest.mark.long
 def test_folders_are_made_in_one_way():
     others = []
     for path in FILES:

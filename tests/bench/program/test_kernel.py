@@ -17,6 +17,7 @@ def btf():
     return bench.open("cable-knit", size=12, views=9, lights=9, heldout=8)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("large", [True, False])
 def test_a_large_network_is_of_functions_that_the_kernel_calls(tmp_path, btf, monkeypatch, large):
     """Whatever the number of outputs, which functions share out; a small network counts as large here."""

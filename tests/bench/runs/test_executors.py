@@ -58,6 +58,7 @@ class Slow(MeanColour):
 """
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief", "undrawn", "untimed")
 def test_a_fit_of_a_codec_from_outside_shows_its_bar_and_keeps_its_curve(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(install(tmp_path / "site", "slow", {"slow": "slow_codec:Slow"}, {"slow_codec": SLOW}))

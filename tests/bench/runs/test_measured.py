@@ -43,6 +43,7 @@ def test_with_nothing_held_out_all_pairs_are_fitted_and_decide(
     assert cli.main(["compare", str(folder), str(folder)]) == 0
 
 
+@pytest.mark.long
 def test_the_suite_runs_on_what_is_there_and_reports_each_kind_of_new_pairs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -85,6 +85,7 @@ def test_a_second_run_does_nothing_again_but_the_timing(tmp_path):
     assert [o.cached for o in outcomes(tmp_path, fresh=True)] == ["", ""]
 
 
+@pytest.mark.long
 def test_a_changed_metric_scores_again_and_fits_nothing(tmp_path, monkeypatch):
     outcomes(tmp_path)
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "files").iterdir()}
@@ -96,6 +97,7 @@ def test_a_changed_metric_scores_again_and_fits_nothing(tmp_path, monkeypatch):
     assert again[0].record["fit_seconds"] > 0
 
 
+@pytest.mark.long
 def test_equal_settings_are_one_row_however_they_are_spelled(tmp_path):
     spelled = CodecSpec("vq"), CodecSpec("vq", {"components": 16}), CodecSpec("vq", {"codes": 32, "components": "16"})
     (first,) = outcomes(tmp_path / "a", replace(SUITE, codecs=spelled[1:]))
@@ -140,6 +142,7 @@ def test_what_is_spoiled_in_the_cache_is_fitted_anew(suffix, spoil, tmp_path, ca
     assert outcomes(tmp_path, MEAN)[0].cached == "record"
 
 
+@pytest.mark.long
 def test_what_was_put_in_a_files_place_is_not_timed(tmp_path):
     mean, pca = (outcome.record for outcome in outcomes(tmp_path))
     (tmp_path / pca["file"]).write_bytes((tmp_path / mean["file"]).read_bytes())
@@ -190,6 +193,7 @@ def through(executor, at_once=1):
     return {"workers": lambda: nullcontext(Workers(executor, at_once))}
 
 
+@pytest.mark.long
 def test_a_job_that_lost_its_worker_is_started_again_and_the_third_time_fails_alone(tmp_path, caplog):
     once = Elsewhere(lambda task: task.codec.codec == "pca" and not task.losses)
     assert [o.record["status"] for o in outcomes(tmp_path / "once", **through(once))] == ["ok", "ok"]
@@ -204,6 +208,7 @@ def test_a_job_that_lost_its_worker_is_started_again_and_the_third_time_fails_al
     assert [o.record["status"] for o in again] == ["ok", "ok"]
 
 
+@pytest.mark.long
 def test_a_job_whose_codec_could_not_be_made_is_tried_again_once_it_can(tmp_path, monkeypatch):
     whole = runner.make_codec
 
@@ -247,6 +252,7 @@ def test_workers_that_do_not_see_the_folder_are_refused_before_any_job(tmp_path)
     assert not list((tmp_path / "run").iterdir())
 
 
+@pytest.mark.long
 def test_a_worker_that_joins_later_and_does_not_see_the_folder_stops_the_run_and_what_is_done_is_kept(tmp_path):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -278,6 +284,7 @@ def test_a_folder_has_one_run_at_a_time(tmp_path):
     assert [o.cached for o in outcomes(tmp_path)] == ["record", ""]
 
 
+@pytest.mark.long
 def test_what_a_killed_run_left_half_done_is_removed_and_states_are_kept(tmp_path):
     outcomes(tmp_path)
     done = next(tmp_path.glob("files/*.nbtf"))
@@ -290,6 +297,7 @@ def test_what_a_killed_run_left_half_done_is_removed_and_states_are_kept(tmp_pat
     assert state.exists()
 
 
+@pytest.mark.long
 def test_a_file_whose_record_was_lost_is_scored_and_keeps_how_long_it_took(tmp_path):
     seconds = [o.record["fit_seconds"] for o in outcomes(tmp_path)]
     (tmp_path / FILE).unlink()
@@ -298,6 +306,7 @@ def test_a_file_whose_record_was_lost_is_scored_and_keeps_how_long_it_took(tmp_p
     assert [o.record["fit_seconds"] for o in again] == seconds
 
 
+@pytest.mark.long
 def test_lines_that_are_no_records_are_named_when_a_run_goes_on(tmp_path, caplog):
     outcomes(tmp_path)
     with open(tmp_path / FILE, "ab") as file:
@@ -346,6 +355,7 @@ def demand_file(folder, name, light):
     return str(folder / f"{name}.npz")
 
 
+@pytest.mark.long
 def test_a_run_is_judged_by_a_scene_and_fitted_to_it_where_a_codec_says_so(tmp_path):
     half = {"components": 12, "bits": 16}  # so much that less of it is smaller
     codecs = (CodecSpec("pca", half), CodecSpec("pca", half | {"scene": True}))

@@ -77,6 +77,7 @@ def test_files_of_one_setting_that_need_more_on_some_surfaces_are_two_entries():
     assert raised.record("run")["ratio_to_floor"] == 12.0
 
 
+@pytest.mark.long
 def test_the_command_prints_a_table_and_its_records_can_be_published(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(setting_times, "TURNS", 2)
     monkeypatch.chdir(tmp_path)
@@ -115,6 +116,7 @@ def short_variants(monkeypatch):
     monkeypatch.setattr(setting_variants, "PRECISIONS", {"eager": ("float32", "bfloat16")})
 
 
+@pytest.mark.long
 def test_variants_are_checked_timed_written_and_not_timed_again(tmp_path, short_variants):
     suite, folder = parse_suite("small", SUITE), tmp_path / "times"
     found = setting_variants.time_variants(suite, folder, "cpu", 5.0)
@@ -165,6 +167,7 @@ def broken(monkeypatch):
     monkeypatch.setattr(registry, "codec_entries", lambda: entries)
 
 
+@pytest.mark.long
 def test_a_codec_that_cannot_be_made_is_left_out_with_a_warning(tmp_path, broken, monkeypatch, caplog):
     monkeypatch.setattr(setting_times, "TURNS", 2)
     records = time_settings(parse_suite("small", BROKEN), tmp_path / "times")
@@ -178,6 +181,7 @@ def test_nor_are_variants_and_steps_of_a_codec_that_cannot_be_made(tmp_path, bro
     assert re.search("broken: its fit is not timed: .*package_that_is_not_installed", caplog.text)
 
 
+@pytest.mark.long
 def test_variants_end_when_their_minutes_are_over_and_keep_what_they_have(tmp_path, short_variants):
     suite, folder = parse_suite("small", SUITE), tmp_path / "times"
     assert setting_variants.time_variants(suite, folder, "cpu", 0.0) == []
@@ -227,6 +231,7 @@ def test_an_answer_that_is_off_is_told(timed):
     assert setting_variants.difference_from_exact(wrong, exact, "float32") > 100
 
 
+@pytest.mark.long
 def test_variants_are_timed_on_an_emulated_gpu_too(tmp_path, short_variants, monkeypatch, gpu):
     monkeypatch.setattr("bench.timing.GPU_BATCH", 64)
     monkeypatch.setattr("bench.timing.SPAN_NS", 1000)

@@ -128,6 +128,7 @@ def test_code_that_was_compiled_for_one_capability_is_not_taken_for_another(capa
     assert given["options"].get("cpp.simdlen") == bits
 
 
+@pytest.mark.long
 def test_a_compiler_that_fails_is_told_with_the_remedy():
     compiled = prepared(Textured(), Variant("compiled"))
     compiled.rest = Mock(side_effect=torch._dynamo.exc.TorchDynamoException("file too short"))

@@ -78,6 +78,7 @@ def stored() -> tuple[bytes, np.ndarray]:
     return predicted_codes.encode(codes, np.array([4, 4, 4]), [(16, 16)]), codes
 
 
+@pytest.mark.long
 def test_bytes_that_are_cut_too_many_or_altered_are_refused() -> None:
     (data, codes), bits, size = stored(), np.array([4, 4, 4]), [(16, 16)]
     assert data == stored()[0]

@@ -84,6 +84,7 @@ def test_replayed_steps_give_the_same_file(
     require_equal(ours, step_by_step(name, gpu, monkeypatch))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["waits", "changes numbers on the host"])
 def test_a_step_that_cannot_be_recorded_is_taken_without_a_graph(
     fault: str, gpu: torch.device, kinds: dict[Any, replay.Program], monkeypatch: pytest.MonkeyPatch
@@ -103,6 +104,7 @@ def test_a_step_that_cannot_be_recorded_is_taken_without_a_graph(
     require_equal(ours, step_by_step("neubtf-direct", gpu, monkeypatch))
 
 
+@pytest.mark.long
 def test_kinds_beyond_the_most_are_taken_without_a_graph(
     gpu: torch.device, kinds: dict[Any, replay.Program], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -98,6 +98,7 @@ def picture_of(tab: Any, shown: dict[str, Any]) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGBA"), float)
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_a_texture_that_is_not_square_is_not_squeezed(browser: Any, tmp_path: Path) -> None:
     codec = load_codec("mean-colour")()
@@ -121,6 +122,7 @@ def test_a_texture_that_is_not_square_is_not_squeezed(browser: Any, tmp_path: Pa
     assert moved(plane.swapaxes(0, 1)) > 0.5
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_a_compiler_that_refuses_literals_is_given_a_uniform_buffer(
     opened: Any, materials: dict[str, Material]
@@ -211,6 +213,7 @@ def test_dragging_turns_camera_or_light(opened: Any) -> None:
     assert drag() == (still, pytest.approx([0.5, 0.7]))
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_every_shape_and_light_draws_something(opened: Any) -> None:
     opened.select_option("[name=left]", "0")

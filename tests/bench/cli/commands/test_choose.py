@@ -106,6 +106,7 @@ def test_sizes_are_written_with_k_and_m():
         parse_bytes(argparse.Namespace(max_bytes="much"), "max_bytes")
 
 
+@pytest.mark.long
 def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_path, monkeypatch, capsys, brief_trade):
     """Measured data: the fit leaves the validation pairs out, and so does the command."""
     monkeypatch.chdir(tmp_path)
@@ -148,6 +149,7 @@ def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_p
     assert "no setting meets that" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_command_makes_the_file_that_was_measured_on_a_built_in_material(
     tmp_path, monkeypatch, capsys, brief_trade
 ):

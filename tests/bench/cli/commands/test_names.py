@@ -32,6 +32,7 @@ def said(capsys, shown=WRITTEN_OUT):
     return text
 
 
+@pytest.mark.long
 def test_of_a_file_that_is_shown_encoded_scored_and_exported(hostile, capsys):
     assert cli.main(["info", hostile, "--picture", f"{NAME}.png"]) == 0
     assert f"wrote {WRITTEN_OUT}.png" in said(capsys)

@@ -38,6 +38,7 @@ def test_an_interrupted_run_says_what_is_done_and_goes_on(tmp_path, monkeypatch,
     assert "2 jobs: 2 ok; 1 from the cache" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_metric_is_chosen_at_the_command_line_and_scored_from_the_cached_file(tmp_path, capsys):
     words = [*WORDS, "--out", str(tmp_path / "run")]
     assert cli.main(words) == 0

@@ -129,6 +129,7 @@ def test_absurd_headers_are_refused_by_name(refused, tmp_path, name, content, me
     refused(tmp_path / "a.npz", f"{name}.*{message}")
 
 
+@pytest.mark.long
 def test_an_archive_that_inflates_beyond_all_proportion_is_refused_before_it_is_inflated(refused, tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as bomb:
         for name in ("wo", "wi"):

@@ -70,6 +70,7 @@ def test_files_of_built_in_formats_import_none(installed, file):
     assert "FAILS: reader grey of greys 1.0 cannot be imported: ZeroDivisionError" in readers.listed()["grey"]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief", "undrawn")
 def test_run_encode_and_list_take_it(installed, file, tmp_path, capsys):
     installed(SOURCE)

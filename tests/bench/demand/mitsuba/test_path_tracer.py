@@ -86,6 +86,7 @@ def test_between_texels_it_is_the_built_in_renderer(tmp_path, monkeypatch):
     assert np.abs(theirs[:, 1:] / theirs[:, :-1] - 1).mean() > 0.1  # neighbours differ by more
 
 
+@pytest.mark.long
 @with_mitsuba
 def test_direct_light_on_relief_is_that_of_the_built_in_renderer():
     """Shadows, parallax and occlusion: within 1 % of each slice's mean, where inter-reflection adds far more."""
@@ -98,6 +99,7 @@ def test_direct_light_on_relief_is_that_of_the_built_in_renderer():
     assert full.mean() / direct.mean() > 1.05
 
 
+@pytest.mark.long
 @with_mitsuba
 def test_inter_reflection_is_that_of_mitsubas_own_integrator():
     """A white Lambert relief under `path`, by rays through random points: its own standard error is 0.3 %."""
@@ -165,6 +167,7 @@ def test_drawn_directions_have_the_built_in_reflectance_as_their_mean(kind, o):
     assert drawn == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.long
 @with_mitsuba
 def test_neighbouring_tiles_occlude():
     """A surface cut elsewhere is the same surface: only what lies around the tile can make it so."""

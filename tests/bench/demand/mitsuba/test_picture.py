@@ -146,6 +146,7 @@ def test_a_footprint_is_that_of_a_pixel(btf, tmp_path):
     np.testing.assert_allclose(np.asarray(bsdf._footprint(si))[hit], np.maximum(across, down)[hit], rtol=1e-5)
 
 
+@pytest.mark.long
 def test_render_replaces_a_bsdf_and_samples_of_a_pixel_share_its_footprint(btf, tmp_path, monkeypatch, capsys):
     from bench.demand.mitsuba.picture import _sample_angle
 
