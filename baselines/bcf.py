@@ -82,7 +82,7 @@ class BCF(Codec):
         expected_bytes = math.prod(blocks_across(size)) * textures * bc1.BYTES
         if min(size) < 1 or blocks.shape != (expected_bytes,):
             raise InputError(f"its blocks do not fit {size[0]} × {size[1]} texels: encode it again")
-        codes = decoded(blocks.view(-1, textures, bc1.BYTES), size)  # (H, W, T, 3)
+        codes = colours_of_blocks(blocks.view(-1, textures, bc1.BYTES), size)  # (H, W, T, 3)
         texture = low + span * (codes.flatten(2) / 255)  # (H, W, 3 · T), from codes of eight bits
         return TextureMaterial(network, texture, float(parts.other["gain"]), self.settings.directions).to(device)
 
@@ -106,7 +106,7 @@ def texels_of_blocks(size: tuple[int, int]) -> Tensor:
     return blocks.transpose(1, 2).flatten(2).flatten(0, 1)  # (rows, columns, 16), then (B, 16)
 
 
-def decoded(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
+def colours_of_blocks(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
     """The colours (H, W, T, 3), 0 … 255, of blocks (B, T, 8), bytes, that cover a picture of `size` (H, W)."""
     rows, cols = blocks_across(size)
     colours = bc1.read(blocks.flatten(0, 1))  # (B · T, 16, 3)

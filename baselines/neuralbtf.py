@@ -253,6 +253,7 @@ class NeuralBTFMaterial(Material):
         numbers_read = 4 * sum(texture.shape[2] for texture in textures)  # four texels of each texture
         cost = DecoderCost(
             parameters=sum(p.numel() for p in networks.parameters()),
+            # Smaller textures have less than a number a texel.
             texture_channels=sum(texture.shape[2] for texture in textures if texture.shape[:2] == size),
             texture_floats=sum(texture.numel() for texture in textures),
             flops_per_sample=network_flops + 2 * numbers_read,  # each is multiplied and added
@@ -263,12 +264,12 @@ class NeuralBTFMaterial(Material):
         self.gain = gain
         for place, texture in enumerate(textures):  # as attributes, which `Material.to` finds
             setattr(self, f"texture{place}", texture)
-        self.count = len(textures)
+        self.texture_count = len(textures)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: all levels are read
         at any distance."""
-        textures = [getattr(self, f"texture{place}") for place in range(self.count)]
+        textures = [getattr(self, f"texture{place}") for place in range(self.texture_count)]
         settings = self.networks.settings
         outputs = self.networks(textures, uv, wo, seen(wo, wi, settings.directions))
         if settings.relative:  # outputs are radiance × exposure, and the gain is LOG_SCALE · exposure

@@ -109,9 +109,10 @@ class Tucker(Codec):
         layout = unpack_layout(parts.other)
         view_index, light_index = _modes(layout)
         core_shape = (view.shape[1], light.shape[1], 3, texture.shape[2] + 1)  # (J, M, 3, K + 1)
-        beyond = int(view_index.max()) >= len(view) or int(light_index.max()) >= len(light)
-        if core.shape != core_shape or beyond:
+        if core.shape != core_shape:
             raise ValueError(f"its core is {tuple(core.shape)}, but its factors need {core_shape}")
+        if int(view_index.max()) >= len(view) or int(light_index.max()) >= len(light):
+            raise ValueError("its pairs name a view or light that it has no components of")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
         modes = view[view_index], light[light_index]  # (N, J), (N, M), of all pairs
         return TuckerMaterial(texture, core, modes, PairInterpolator(layout), gain).to(device)

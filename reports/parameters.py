@@ -61,7 +61,7 @@ def parameters_table(jobs: Iterable[TimedJob], choice: Choice | None = None) -> 
     """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`; None if there is none.
 
     The rows of a codec begin with its published recipe; ours follows. A job without the field `run` was not measured:
-    `bench.conformance.verdicts.count` made it only to count its parameters.
+    `bench.conformance.verdicts.job_of_counts` made it only to count its parameters.
     """
     # The jobs of each row.
     jobs = [*jobs]

@@ -3,10 +3,8 @@
 import sys
 import time
 from collections import Counter
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
 from rich.console import Console as RichConsole
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
 from rich.text import Text
@@ -19,9 +17,6 @@ from bench.records import MOST_DB, PSNR
 SILENCE = 10.0  # without a terminal, seconds between two lines of progress
 
 if TYPE_CHECKING:
-    from bench.btf import BTF
-    from bench.data.half_vectors import HalfVectors
-    from bench.data.portrait import Look
     from bench.runs.job import Outcome
 
 
@@ -213,34 +208,8 @@ def _material_lines(material: dict[str, Any]) -> list[str]:
     return lines
 
 
-def btf_fields(portrait: "Look") -> dict[str, Any]:
-    """Size, directions, split, range of values and reader's notes of a BTF, what was found of its azimuths, and
-    warnings."""
-    btf = portrait.btf
-    split = btf.split()
-    low, high = portrait.extremes
-    return {
-        "name": btf.name,
-        "shape": btf.shape,
-        "pairs": len(btf),
-        "periodic": btf.periodic,
-        "training": _pairs_fields(btf, split.train),
-        "heldout": {name: _pairs_fields(btf, pairs) for name, pairs in split.heldout.items()},
-        "low_light": _pairs_fields(portrait.low_light, np.arange(len(portrait.low_light))),
-        "slices_read": portrait.read,
-        "values": {"minimum": float(low), "median": float(np.median(portrait.values)), "maximum": float(high)},
-        "exposed": portrait.exposed._asdict(),
-        "views": len(portrait.layout.views),
-        "half_vectors": _of_half_vectors(portrait.half_vectors),
-        "lobe": asdict(portrait.lobe) if portrait.lobe else None,
-        "fingerprint": btf.fingerprint,
-        "provenance": btf.provenance,
-        "warnings": portrait.warnings(),
-    }
-
-
 def btf_lines(btf: dict[str, Any]) -> str:
-    """Describe a BTF by its `btf_fields`."""
+    """Describe a BTF by its `bench.data.described.btf_fields`."""
     repeats = "periodic" if btf["periodic"] else "not periodic"
     lines = [
         f"{btf['name']}: {btf['shape'][0]} × {btf['shape'][1]} texels, {btf['pairs']:,} pairs, {repeats}",
@@ -272,11 +241,6 @@ def btf_lines(btf: dict[str, Any]) -> str:
     return "\n".join(visible(line) for line in lines)
 
 
-def _of_half_vectors(found: "HalfVectors | None") -> dict[str, Any] | None:
-    """What half vectors say of the light's frame, and which frame is likely; None where they say nothing."""
-    return {**asdict(found), "likely": found.likely} if found else None
-
-
 def _frame_lines(btf: dict[str, Any]) -> list[str]:
     """Say whether the azimuths of views and lights seem to be right, or why that is not known.
 
@@ -306,29 +270,8 @@ def _frame_lines(btf: dict[str, Any]) -> list[str]:
     ]
 
 
-def _pairs_fields(btf: "BTF", pairs: np.ndarray) -> dict[str, Any]:
-    """The number of some pairs of a BTF, of their views and lights, the largest angles of these from the normal, and
-    whether the pairs are the product of both."""
-    from bench.btf import Layout
-    from bench.directions.hemisphere import to_degrees
-
-    if not len(pairs):
-        return {"pairs": 0}
-    layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
-    view_theta, _ = to_degrees(layout.views)
-    light_theta, _ = to_degrees(layout.lights)
-    return {
-        "pairs": len(pairs),
-        "views": len(layout.views),
-        "view_theta_deg": float(view_theta.max()),
-        "lights": len(layout.lights),
-        "light_theta_deg": float(light_theta.max()),
-        "product": layout.grid is not None,
-    }
-
-
 def _pairs_line(pairs: dict[str, Any]) -> str:
-    """Describe some pairs of a BTF by their `_pairs_fields`."""
+    """Describe some pairs of a BTF by their fields in `bench.data.described`."""
     if not pairs["pairs"]:
         return "no pairs"
     line = f"{pairs['pairs']:,} pairs"

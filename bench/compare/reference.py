@@ -11,6 +11,7 @@ import json
 import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -115,8 +116,6 @@ def reference(run: Run, before: Run | None = None) -> str:
             "a reference needs a complete run"
         )
     suite_seeds = _seeds_of_suite(run)
-    if not suite_seeds:  # the suite is unknown, so no seed is a further one
-        suite_seeds = {job["seed"] for job in jobs}
     reduced = [_reduced_record(job, run.folder, whole=job["seed"] in suite_seeds) for job in jobs]
     jobs_before = []
     if before is not None:
@@ -178,10 +177,7 @@ def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
 
 def seeds_of(run: Run) -> int:
     """The number of seeds that a run of the suite will have; that of the run itself if its suite is unknown."""
-    seeds = _seeds_of_suite(run)
-    if not seeds:  # the suite is unknown
-        seeds = {job["seed"] for job in run.jobs}
-    return len(seeds)
+    return len(_seeds_of_suite(run))
 
 
 def limits(update: Update) -> list[str]:
@@ -238,17 +234,16 @@ def _in_order(every: Iterable[Job]) -> list[Job]:
 
 
 def _seeds_of_suite(run: Run) -> set[int]:
-    """The seeds of the run's suite, by which a change is judged; further seeds only measure the scatter of a codec.
+    """The seeds of the run's suite, by which a change is judged; those of all jobs if the suite is unknown, or if it
+    has none because each codec has its own.
 
-    Empty if the suite is unknown.
+    Further seeds only measure the scatter of a codec.
     """
-    if not run.starts:
-        return set()
-    try:
+    seeds: set[int] = set()
+    with suppress(IndexError, KeyError, tomllib.TOMLDecodeError):  # no start; one without its suite; a damaged one
         suite = tomllib.loads(run.starts[-1]["text"])
-        return set(suite.get("seeds", (0,)))  # as a suite without seeds has it
-    except (KeyError, tomllib.TOMLDecodeError):
-        return set()
+        seeds = set(suite.get("seeds", (0,)))  # as a suite that says nothing of seeds has it
+    return seeds or {job["seed"] for job in run.jobs}
 
 
 def _reduced_record(job: Job, folder: Path, whole: bool) -> Job:

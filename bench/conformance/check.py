@@ -28,7 +28,6 @@ from bench.conformance import counting, emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
 from bench.inputs.errors import InputError, answered
 from bench.machine.devices import is_gpu
-from bench.machine.process_state import working_folder
 from bench.machine.threads import torch_threads
 from bench.material import Material, texel_centres
 
@@ -108,7 +107,7 @@ class CodecUnderTest:
         # Fits need gradients, even if the caller has switched them off. `chdir` returns to the folder at the end.
         with chdir(folder), torch.enable_grad():
             parts = fit_codec(self.codec, btf or self.btf, fit).parts
-            folder_now = working_folder()
+            folder_now = _folder_in_words()
             if folder_now != folder:
                 self.moved_to = folder_now
         return container.save(self.folder / name, self.codec, parts)
@@ -151,6 +150,14 @@ class CodecUnderTest:
         """The answers (500, 3) of the small material to `queries`."""
         with torch_threads(1):  # as the fresh process has, whose answers must be these bit for bit
             return self.material.query(*self.queries)
+
+
+def _folder_in_words() -> str:
+    """The working directory of this process, for a message: it may be gone."""
+    try:
+        return os.getcwd()
+    except FileNotFoundError:
+        return "a folder that is gone"
 
 
 def _require_same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:

@@ -26,6 +26,7 @@ from bench.demand import UNIFORM, require_demand
 from bench.demand.demand import Demand
 from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer
 from bench.demand.needed_part import NeededPart, pair_weights, shares_from_weights, shares_of_others
+from bench.directions.interpolation import cosines
 from bench.material import Material
 from bench.metrics.display import display_error, exposure
 from bench.metrics.psnr import psnr
@@ -66,14 +67,13 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     # The k pairs around each query: `around.sample` are their numbers and `around.weight` their weights, (n, k) each.
     around = pair_weights(layout, demand)
     importance = demand.importance
-    cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as in `PairInterpolator`
     wi = torch.from_numpy(demand.wi)
     uv_of_texture = torch.from_numpy(demand.uv(window.size)).double()  # exact enough to be cut to a small window
     uv = window.within(uv_of_texture).float()
     footprint = torch.from_numpy(demand.footprint) * window.stretch
     cumulative = torch.from_numpy(importance).cumsum(0)
     # Radiance contains the cosine of its light. That of each pair's light (n, k) gives way to that of the query's.
-    weight = around.weight * wi[:, 2:] / cos_i[around.sample.long()]
+    weight = around.weight * wi[:, 2:] / cosines(layout)[around.sample.long()]
     share = torch.from_numpy(shares_from_weights(around, importance, len(layout.view)))
     return Density(
         uv=uv,

@@ -184,6 +184,11 @@ def _in_blocks(answer: Callable[[Tensor], tuple[Tensor, ...]], width: int, queri
     return tuple(torch.cat(blocks) for blocks in zip(*parts, strict=True))
 
 
+def cosines(layout: Layout) -> Tensor:
+    """The cosine of the light of each pair (N,), at least 1e-3, because radiance is divided by it."""
+    return torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)
+
+
 class PairInterpolator(nn.Module):
     """Weights over the sampled pairs of a BTF for any query of directions. See the module for the scheme."""
 
@@ -191,8 +196,7 @@ class PairInterpolator(nn.Module):
         """Prepare the search: among views and among lights if the pairs are their product, else among pairs."""
         super().__init__()
         self.product = layout.grid is not None
-        # Clamped, because radiance is divided by it.
-        self.register_buffer("cos_i", torch.as_tensor(layout.lights[layout.light, 2]).clamp_min(1e-3))
+        self.register_buffer("cos_i", cosines(layout))
         if layout.grid is not None:
             self.views, self.lights = Hemisphere(layout.views), Hemisphere(layout.lights)
             self.register_buffer("grid", torch.as_tensor(layout.grid))

@@ -9,14 +9,6 @@ import numpy as np
 import torch
 
 
-def working_folder() -> str:
-    """The working directory of this process, even one that was removed."""
-    try:
-        return os.getcwd()
-    except FileNotFoundError:
-        return "a folder that is gone"
-
-
 @contextmanager
 def restored_process_state() -> Iterator[None]:
     """Restore the working directory, settings and global generators of PyTorch and NumPy when the block ends: a codec

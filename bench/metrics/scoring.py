@@ -25,7 +25,7 @@ from bench.metrics.base import Picture, SliceMetric, check_radiance
 from bench.metrics.description import Metric
 from bench.metrics.display import display_error, exposure_of, sample
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
-from bench.records import Group, Statistics
+from bench.records import PSNR, Group, Statistics
 
 Decode = Callable[[int], Array]
 
@@ -303,13 +303,14 @@ def summarise_footprints(errors: dict[int, Array]) -> dict[str, Statistics]:
 
     `errors` are of `footprint_errors`: by side in texels, the mean squared error (n,) of each of n slices. The answer
     is {"1": {"psnr_display": …, "mean": …, "exact": …, "slices": n}, …}: the PSNR of the mean error, the mean PSNR of
-    slices, and the number of slices without an error.
+    slices, and the number of slices without an error. The pooled number stands under the metric's name, as in every
+    committed record.
     """
     summary: dict[str, Statistics] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)
         others = {name: stats[name] for name in ("mean", "exact", "slices")}
-        summary[str(factor)] = {"psnr_display": stats["pooled"]} | others
+        summary[str(factor)] = {PSNR: stats["pooled"]} | others
     return summary
 
 

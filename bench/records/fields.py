@@ -116,11 +116,11 @@ def _place(value: Any, parts: tuple[int | str, ...]) -> tuple[str, Any]:
     return "/".join(path), value
 
 
-def _missing(value: Mapping[str, Any], needed: tuple[str, ...], place: str = "") -> str:
+def _missing(value: Mapping[str, Any], needed: tuple[str, ...]) -> str:
     """The first needed field that is missing, in words; "" if none is."""
     for name in needed:
         if name not in value:
-            return f"{place}/{name} is missing".lstrip("/")
+            return f"{name} is missing"
     return ""
 
 

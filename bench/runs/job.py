@@ -65,7 +65,7 @@ class Outcome:
 def work(task: Task, show: Progress = silent) -> Outcome:
     """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`."""
     if not lock.can_use_folder(task.folder, task.run):  # the worker is on another host, which lacks the folder
-        raise lock.error_of_unseen_folder(task.folder, f"on {platform.node()}")
+        raise lock.error_of_unseen_folder(task.folder, f"the worker on {platform.node()}")
     try:
         opening = Opening(
             task.run, task.material, task.data, task.repetition, task.metrics, task.demand, scorers=task.scorers

@@ -62,11 +62,10 @@ def can_use_folder(folder: Path, run: str) -> bool:
     return _holder(folder / FILE).get("run") == run and os.access(folder, os.W_OK)
 
 
-def error_of_unseen_folder(folder: Path, worker: str) -> InputError:
-    """The error of a worker that `can_use_folder` refuses."""
+def error_of_unseen_folder(folder: Path, who: str) -> InputError:
+    """The error of workers that `can_use_folder` refuses; `who` names them."""
     return InputError(
-        f"{folder}: not seen by the worker {worker}, or not writable there: put --out on a file system that every "
-        "worker sees"
+        f"{folder}: not seen by {who}, or not writable there: put --out on a file system that every worker sees"
     )
 
 

@@ -97,7 +97,7 @@ def _require_folder(workers: Workers, folder: Path, run_id: str) -> None:
     reaches_of_worker = workers.everywhere(lock.can_use_folder, folder, run_id)
     without_folder = [worker for worker, reaches in reaches_of_worker.items() if not reaches]
     if without_folder:
-        raise lock.error_of_unseen_folder(folder, ", ".join(without_folder[:5]))
+        raise lock.error_of_unseen_folder(folder, f"the worker(s) {', '.join(without_folder[:5])}")
 
 
 def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:

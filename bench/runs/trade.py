@@ -66,6 +66,7 @@ def run_and_measure(
     suite: Suite,
     options: runner.Options,
     tell: Callable[[runner.Outcome], None],
+    *,
     full: bool = False,
     emulated: bool = False,
     noise: bool = False,
@@ -91,9 +92,11 @@ def run_and_measure(
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
-        run = load_run(options.folder)
+        run = load_run(folder)
         options.say(_announcement(suite, run, options.device))
-        measure(suite, run, options.device, full, options.show, emulated, noise, profiles)
+        measure(
+            suite, run, options.device, full=full, show=options.show, emulated=emulated, noise=noise, profiles=profiles
+        )
     return states
 
 
@@ -101,6 +104,7 @@ def measure(
     suite: Suite,
     run: Run,
     device: str,
+    *,
     full: bool = False,
     show: Progress = silent,
     emulated: bool = False,

@@ -6,7 +6,7 @@ import torch
 from PIL import Image
 
 from baselines import bc1
-from baselines.bcf import BCF, BCFObjective, decoded, lines
+from baselines.bcf import BCF, BCFObjective, colours_of_blocks, lines
 from bench.codec import Fit, Parts
 from bench.directions import hemisphere
 from bench.training import Samples, gain_of
@@ -45,7 +45,7 @@ def test_another_decoder_reads_the_same_colours() -> None:
     steps = torch.randint(0, 4, (64, 16), generator=generator)
     data = bc1.write(ends, steps)
     theirs = np.asarray(Image.frombytes("RGBA", (32, 32), data.numpy().tobytes(), "bcn", (1, "")))
-    ours = decoded(data[:, None], (32, 32))[:, :, 0].numpy()
+    ours = colours_of_blocks(data[:, None], (32, 32))[:, :, 0].numpy()
     assert (theirs[..., 3] == 255).all()  # no block falls into the mode of three colours and black
     # Pillow cuts thirds off where Direct3D's description rounds them.
     assert np.abs(theirs[..., :3].astype(int) - ours).max() <= 1
@@ -60,7 +60,7 @@ def test_the_fit_sees_what_the_file_gives_back(size: tuple[int, int]) -> None:
     with torch.no_grad():
         fitting.ends += 0.1 * torch.randn(fitting.ends.shape, generator=fit.generator())
     blocks, low, span = fitting.stored_blocks()
-    stored = low + span * (decoded(blocks.reshape(-1, 2, 8), size).flatten(2) / 255)
+    stored = low + span * (colours_of_blocks(blocks.reshape(-1, 2, 8), size).flatten(2) / 255)
     first, second = fitting.ends.detach()
     seen = fitting.rounded(first[fitting.block], second[fitting.block], fitting.share.detach())
     torch.testing.assert_close(stored.flatten(0, 1), seen.flatten(1), rtol=0, atol=0)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -77,6 +79,19 @@ def test_pairs_that_are_no_product_are_one_mode() -> None:
     parts = codec.encode(btf, Fit())
     assert parts.decoder["light"].shape == (1, 1)
     assert error(btf, codec.decode(parts, torch.device("cpu"))) < 1e-3
+
+
+@pytest.mark.parametrize("side", ["view", "light"])
+def test_a_file_whose_pairs_name_a_direction_without_components_is_refused(side: str) -> None:
+    codec = Tucker(components=2)
+    parts = codec.encode(tiny_btf(), Fit())
+    (name,) = (name for name in parts.decoder if name.startswith(side))
+    damaged = replace(parts, decoder={**parts.decoder, name: parts.decoder[name][:-1]})
+    with pytest.raises(ValueError, match="its pairs name a view or light that it has no components of"):
+        codec.decode(damaged, torch.device("cpu"))
+    damaged = replace(parts, decoder={**parts.decoder, name: parts.decoder[name][:, :-1]})
+    with pytest.raises(ValueError, match=r"its core is .* but its factors need"):
+        codec.decode(damaged, torch.device("cpu"))
 
 
 def test_eight_bits_of_a_core_hold_zero() -> None:

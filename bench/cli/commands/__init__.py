@@ -108,7 +108,8 @@ def read_as(options: argparse.Namespace) -> dict[str, str]:
 def suite_options(parser: argparse.ArgumentParser, default: str, folder: str = "runs/SUITE") -> None:
     """Add the options that choose a suite, parts of it, changes of its settings, and the folder of its run.
 
-    `default` is the suite, and `folder` the place, that are taken if none is given.
+    `default` is the suite that is taken if none is given; `folder` is what the help says of the run's folder, which the
+    command chooses.
     """
     add = parser.add_argument
     add("suite", nargs="?", default=default, help=f"a built-in suite or a TOML file (default: {default})")

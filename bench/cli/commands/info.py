@@ -11,8 +11,9 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import json_option, json_writer, read_as, reading_options, say_line
-from bench.cli.console import btf_fields, btf_lines, file_fields, file_lines
+from bench.cli.console import btf_lines, file_fields, file_lines
 from bench.codecs.container import MAGIC, SUFFIX, read_header
+from bench.data.described import btf_fields
 from bench.data.open import open_named
 from bench.data.portrait import draw, look
 from bench.files.atomic import PNG, begins, cache_dir, cached_files, clear_cache, refuse_other_kind

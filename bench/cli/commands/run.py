@@ -27,7 +27,7 @@ from bench.cli.commands import (
 from bench.cli.commands._scene import demand_file, scene_options
 from bench.cli.console import Console
 from bench.inputs.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
-from bench.records import load_run
+from bench.records import Run, load_run
 from bench.runs import executors, runner
 from bench.runs.executors import Seats
 from bench.runs.suite import described_changes, load_suite, require_materials, with_changes, with_metrics
@@ -57,7 +57,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the suite and write its report; returns `FINE`, `FAILED` if a job failed, `NOTHING` if none has a result."""
+    """Run the suite and write its report; returns `FINE`, `FAILED` if a job failed, `NOTHING` if none has a result.
+
+    After Ctrl-C no report is written, and it returns `INTERRUPTED`.
+    """
     # The suite with the changes of the command line.
     changes = assignments(options.set)
     if options.all_pairs:
@@ -93,15 +96,18 @@ def run(options: argparse.Namespace) -> int:
         written = write_report(folder)
         console.show("drawing tables, figures and pages", 1, 1)
     console.say(written.text)
-    measured = load_run(folder)
-    this_start = measured.starts[-1]["run"]
-    timed = any(timing.get("run") == this_start for timing in measured.timings)
-    console.say(_summary(outcomes, timed))
+    console.say(_summary(outcomes, _timed_in_last_start(load_run(folder))))
     console.say(f"records, files, tables and pictures: {folder}")
     states = {outcome.record["status"] for outcome in outcomes}
     if "failed" in states:
         return FAILED
     return FINE if "ok" in states else NOTHING
+
+
+def _timed_in_last_start(run: Run) -> bool:
+    """Whether the last start of a run measured times."""
+    last_start = run.starts[-1]["run"]
+    return any(timing.get("run") == last_start for timing in run.timings)
 
 
 def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":

@@ -123,9 +123,9 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
                 timed["ns"]["gpu"] = quickest["ns_per_sample"]
                 timed["gpu"] = quickest["gpu"]
             jobs.append(timed)
-    from bench.conformance.verdicts import count  # it imports PyTorch, which no other table needs
+    from bench.conformance.verdicts import job_of_counts  # it imports PyTorch, which no other table needs
 
-    counted = [cast(TimedJob, count(name)) for name in PUBLISHED if name in codec_entries()]
+    counted = [cast(TimedJob, job_of_counts(name)) for name in PUBLISHED if name in codec_entries()]
     return parameters_text([*counted, *jobs], format, choice)
 
 

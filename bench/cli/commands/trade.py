@@ -39,7 +39,9 @@ def run(options: argparse.Namespace) -> int:
         for line in described_changes(suite, changes):
             console.say(line)
         run_options = Options(folder, device, show=console.show)
-        states = run_and_measure(suite, run_options, console.ended, options.full, options.emulated, options.noise)
+        states = run_and_measure(
+            suite, run_options, console.ended, full=options.full, emulated=options.emulated, noise=options.noise
+        )
         if "ok" not in states:
             return NOTHING
 

@@ -41,7 +41,8 @@ class FolderFiles:
         return (self.root / name).is_file()
 
     def beside(self, name: str) -> list[str]:
-        """The names of all files in the folder of a file, which need not be there; [] if that cannot be listed."""
+        """The names of everything in the folder of a file, folders too; the file need not be there; [] if that cannot
+        be listed."""
         folder = (self.root / name).parent
         try:
             return [(Path(name).parent / found).as_posix() for found in os.listdir(folder)]

@@ -51,6 +51,13 @@ def test_the_times_of_a_reference_are_written_again_as_they_are(run, tmp_path):
     assert sorted(timing["ns_per_sample"] for timing in again.timings) == [100, 250]
 
 
+def test_a_suite_whose_codecs_have_seeds_of_their_own_has_those_of_its_jobs(make):
+    run = make.run("run", *make.seeds(PSNRS), text='seeds = []\nmaterials = ["satin"]')
+    assert seeds_of(run) == len(PSNRS)
+    jobs = [json.loads(line) for line in reference(run).splitlines()[1:]]
+    assert all("ssim_periodic" in job["scores"]["heldout"]["metrics"] for job in jobs)
+
+
 def test_a_suite_that_names_no_seeds_has_the_seed_0(make):
     run = make.run("run", *make.seeds(PSNRS), text='materials = ["satin"]')
     assert seeds_of(run) == 1

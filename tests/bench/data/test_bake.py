@@ -12,10 +12,11 @@ from PIL import Image
 
 from bench import cli
 from bench.btf import box_filter
-from bench.cli.console import btf_fields, btf_lines
+from bench.cli.console import btf_lines
 from bench.codec import silent
 from bench.data.bake import Partial, bake, looks_like_maps, open_svbrdf, read_surface, recognise
 from bench.data.bake.surface import SUB_POINTS
+from bench.data.described import btf_fields
 from bench.data.materials.renderer import render
 from bench.data.open import open_material, open_named
 from bench.data.portrait import look

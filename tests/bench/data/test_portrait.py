@@ -6,10 +6,11 @@ from PIL import Image
 
 from bench import cli
 from bench.btf import BTF, ArraySource
-from bench.cli.console import btf_fields, btf_lines
+from bench.cli.console import btf_lines
 from bench.conformance.check import tiny_btf
 from bench.data import portrait
 from bench.data.convert import write_btf
+from bench.data.described import btf_fields
 from bench.data.materials import load
 from bench.data.portrait import _draw_directions as draw_directions
 from bench.data.portrait import draw, look
