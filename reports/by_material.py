@@ -10,6 +10,7 @@ An *exact* slice has no error, so its PSNR has no number. The *frames* of a mode
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from math import inf, isnan, nan
 from statistics import fmean, stdev
 from typing import Any, NamedTuple
@@ -114,7 +115,8 @@ class Measure(NamedTuple):
             return min(numbers), max(seconds), ""
         if self.second:
             return fmean(numbers), fmean(seconds) if seconds else nan, ""
-        alike = len({str(as_read(value, self.digits)) for value in values}) == 1  # as text: no NaN equals another
+        read = map(partial(as_read, digits=self.digits), values)
+        alike = len(set(map(str, read))) == 1  # as texts, because no NaN equals another
         shown = self.deviation and len(numbers) > 1 and not alike
         return fmean(numbers), stdev(numbers) if shown else nan, ""
 
@@ -426,12 +428,12 @@ def tables(materials: Iterable[MaterialRows], name: str, stale: bool = True) -> 
 
 
 def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
-    """The values of each codec on a material, over its seeds, by field, what stands beside each, and why one lacks.
+    """The values of each codec on a material, over its seeds, by field, what stands beside each, or why it has none.
 
     Further columns: `codec`, its label; `stale`, its name and why its newest seed cannot be made again; `measured`,
     whether it has numbers; and whether it is `unranked`, has times that were `timed apart`, or is `in addition` to the
-    codecs. Codecs without numbers say why: `n/c` of each if a job is not comparable, “failed” of the first if one
-    failed.
+    codecs. Codecs without numbers say why: `n/c` for each value if a job is not comparable, “failed” for the
+    first if one failed.
     """
     for codec in codecs:
         measured = [_values(row) for row in codec.measured]

@@ -106,7 +106,7 @@ def as_published(job: Job) -> bool:
 
 
 def counted(psnr: float | None) -> float:
-    """A PSNR as it counts in means and in orders; `MOST_DB` for None, which stands for no error."""
+    """A PSNR as it counts in a mean or an order; None, without an error, counts as `MOST_DB`."""
     return MOST_DB if psnr is None else psnr
 
 
