@@ -112,7 +112,7 @@ def table_text(
 def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.DataFrame":
     """The numbers of a kind of table as a frame of floats: a row for each of its rows, NaN where it has no number.
 
-    Its first columns, such as that of the codec, and those without any number, have words. `attrs` has the titles,
+    Its first columns, such as that of the codec, and those of words alone, have words. `attrs` has the titles,
     notes, units and better ends. Several tables of a kind stand one below the other, with the title of each as the
     first level of the index. `runs` are as for `table_text`.
 

@@ -10,6 +10,7 @@ An *exact* slice has no error, so its PSNR has no number. The *frames* of a mode
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from math import inf, isnan, nan
 from statistics import fmean, stdev
 from typing import Any, NamedTuple
@@ -17,27 +18,27 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from bench.compare.frame import FUSED
-from bench.metrics import in_decibels, is_relative, label_of
+from bench.metrics import all_exact, in_decibels, is_relative, label_of
 from bench.records import (
     LOW_LIGHT,
-    MOST_DB,
     OUTSIDE,
     PSNR,
     RMSE,
     SCENE_HELDOUT,
     Job,
     MetricFacts,
+    counted,
     deciding_group,
     grouped,
     metrics_of,
     shown_columns,
 )
 from reports.notes import common_notes, cost_notes, main_notes, quality_notes, scene_notes
-from reports.numbers import EXACT, NOT_APPLICABLE, NOT_COMPARABLE
+from reports.numbers import NOT_APPLICABLE, NOT_COMPARABLE, as_read
 from reports.rows import CodecRows, MaterialRows, Row, facts_of
 from reports.scene_models import scene_gains, scene_quality
 from reports.table import Apart, Spread, Table
-from reports.values import Column, written
+from reports.values import WHY, Column, written
 
 _DEVIATION = " ± {}"
 _OTHER_BYTES, _PERCENT = "other bytes", "percent"  # fields that are computed here
@@ -69,6 +70,11 @@ class Measure(NamedTuple):
         """The column of values that has the second number of a cell."""
         return self.second or f"{self.field} ± seeds"
 
+    @property
+    def why(self) -> str:
+        """The column of values that says why there is no number."""
+        return WHY.format(self.field)
+
     def column(self, values: pd.DataFrame, unranked: str = "unranked") -> Column:
         """The column as it is written of these values; `unranked` is the column of rows that get no mark."""
         unit = self.unit
@@ -88,45 +94,48 @@ class Measure(NamedTuple):
             unranked="unranked in time" if self.timed else unranked,
         )
 
-    def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> tuple[Any, float]:
-        """The number of a codec's seeds, or a word, and the number beside it; infinite if all of them are exact."""
-        values = [self._value(record) for record in records]
-        if values and all(value == EXACT for value in values):
-            return inf, nan
+    def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> tuple[float, float, str]:
+        """The number of a codec's seeds, infinite if all of them are exact; that beside it; and why there is none."""
+        found = [self._value(record) for record in records]
+        values = [value for value, _ in found]
+        if values and all(value == inf for value in values):
+            return inf, nan, ""
         numbers = []
         seconds = []
         for value, record in zip(values, records, strict=True):
-            if value == EXACT or not isinstance(value, str):
-                numbers.append(record[self.field])  # of an exact one what it counts as in means, such as 48.13 dB
-                seconds.append(0.0 if value == EXACT else record.get(self.second, nan))
+            exact = value == inf  # its record has what it counts as in means, such as 48.13 dB
+            numbers.append(record[self.field] if exact else value)
+            seconds.append(0.0 if exact else record.get(self.second, nan))
         numbers = [number for number in numbers if not isnan(number)]
         seconds = [second for second in seconds if not isnan(second)]
         if not numbers:
-            return (values[0] if values else nan), nan
+            value, why = found[0] if found else (nan, "")
+            return value, nan, why
         if self.pair == _TO:
-            return min(numbers), max(seconds)
+            return min(numbers), max(seconds), ""
         if self.second:
-            return fmean(numbers), fmean(seconds) if seconds else nan
-        read = Column("", "", "", self.digits).rounded
-        alike = len({value if isinstance(value, str) else str(read(value)) for value in values}) == 1
+            return fmean(numbers), fmean(seconds) if seconds else nan, ""
+        read = map(partial(as_read, digits=self.digits), values)
+        alike = len(set(map(str, read))) == 1  # as texts, because no NaN equals another
         shown = self.deviation and len(numbers) > 1 and not alike
-        return fmean(numbers), stdev(numbers) if shown else nan
+        return fmean(numbers), stdev(numbers) if shown else nan, ""
 
-    def _value(self, record: Mapping[str, Any]) -> Any:
-        """The number of one record, NaN without one, or a word that says why it has none."""
+    def _value(self, record: Mapping[str, Any]) -> tuple[float, str]:
+        """The number of one record, infinite if it is exact; without one NaN, and a word that says why, or ""."""
         value = record[self.field]
         if self.timed and record["apart"] and not isnan(value):
-            return NOT_COMPARABLE
+            return nan, NOT_COMPARABLE
         if self.field.startswith("scene/metrics/") and isnan(value) and isinstance(record["scene/name"], str):
-            return EXACT
+            return inf, ""
         if self.stated:
             group = self.field.rpartition("/")[0]
-            exact, slices = record[f"{group}/exact"], record[f"{group}/slices"]
-            if exact and exact == slices:
-                return EXACT
-            if isnan(value) and not isnan(slices) and not self.field.endswith("/worst"):  # which older records lack
-                return NOT_APPLICABLE
-        return value
+            counts = {name: record[f"{group}/{name}"] for name in ("exact", "slices")}
+            if all_exact(counts):
+                return inf, ""
+            older = self.field.endswith("/worst")  # which older records lack
+            if isnan(value) and not isnan(counts["slices"]) and not older:
+                return nan, NOT_APPLICABLE
+        return value, ""
 
 
 _TO = " to {}"  # of an interval, whose lower end is the first number
@@ -220,8 +229,7 @@ def psnr_of(material: MaterialRows) -> dict[str, float]:
     """By label the PSNR of each codec that was measured, infinite without an error; NaN where its records lack it."""
     measure = _psnr(material)
     codecs = [codec for codec in material.codecs if codec.measured]
-    found = {values["codec"]: values[measure.field] for values in rows_of(codecs, [measure])}
-    return {label: nan if isinstance(psnr, str) else psnr for label, psnr in found.items()}
+    return {values["codec"]: values[measure.field] for values in rows_of(codecs, [measure])}
 
 
 def _main(material: MaterialRows) -> list[Measure]:
@@ -420,12 +428,12 @@ def tables(materials: Iterable[MaterialRows], name: str, stale: bool = True) -> 
 
 
 def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
-    """The values of each codec on a material, over its seeds, by field, and that which stands beside each.
+    """The values of each codec on a material, over its seeds, by field, what stands beside each, or why it has none.
 
     Further columns: `codec`, its label; `stale`, its name and why its newest seed cannot be made again; `measured`,
     whether it has numbers; and whether it is `unranked`, has times that were `timed apart`, or is `in addition` to the
-    codecs. Codecs without numbers say why: `n/c` in each cell if a job is not comparable, “failed” in the first if one
-    failed.
+    codecs. Codecs without numbers say why: `n/c` for each value if a job is not comparable, “failed” for the
+    first if one failed.
     """
     for codec in codecs:
         measured = [_values(row) for row in codec.measured]
@@ -442,11 +450,11 @@ def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterato
             "in addition": False,
         }
         for measure in measures:
-            values[measure.field], values[measure.beside] = measure.over_seeds(measured)
+            values[measure.field], values[measure.beside], values[measure.why] = measure.over_seeds(measured)
         if not measured and any(row.obstacle for row in codec.rows):
-            values |= {measure.field: NOT_COMPARABLE for measure in measures}
+            values |= {measure.why: NOT_COMPARABLE for measure in measures}
         elif not measured and any(row.job["status"] == "failed" for row in codec.rows):
-            values[measures[0].field] = "failed"
+            values[measures[0].why] = "failed"
         yield values
 
 
@@ -470,7 +478,7 @@ def _in_addition(job: Job, measures: Sequence[Measure]) -> Iterator[dict[str, An
     empty: dict[str, Any] = {"stale": "", "measured": False, "timed apart": False}
     empty |= {"unranked": True, "unranked in time": True, "in addition": True}
     for measure in measures:
-        empty |= {measure.field: nan, measure.beside: nan}
+        empty |= {measure.field: nan, measure.beside: nan, measure.why: ""}
     native = job.get("provenance", {}).get("native")  # its `bytes`, its `rank`, and its `name` from some readers
     shown = [measure for measure in measures if measure.native]
     if native and shown:
@@ -488,8 +496,7 @@ def _rank(codec: CodecRows) -> tuple[bool, float]:
     the mean PSNR of its seeds. A codec without any number is the last of the models of whole materials."""
     if not codec.measured:
         return True, -inf
-    # Without an error, there is no PSNR.
-    return not codec.of_scene, fmean(MOST_DB if row.psnr is None else row.psnr for row in codec.measured)
+    return not codec.of_scene, fmean(counted(row.psnr) for row in codec.measured)
 
 
 def _seed_notes(material: MaterialRows) -> Iterator[str]:

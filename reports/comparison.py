@@ -8,19 +8,17 @@ here they are only written.
 """
 
 import shlex
-import textwrap
 from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from bench.compare.comparison import Comparison
-from bench.compare.quantities import Quantity
+from bench.compare.quantities import MAIN, Quantity
 from bench.compare.rows import ABSENT, ComparedRow
 from bench.compare.verdicts import Change, Verdict
-from bench.inputs.errors import visible
 from bench.records import codec_of
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
-from reports.text import WIDTH, escaped, grid, plain
+from reports.text import escaped, grid, plain, wrapped
 
 # The emoji of verdicts in Markdown; all others, which fail the comparison, have a ❌.
 _LOOKS = {Verdict.UNLIKE: "➖", Verdict.BETTER: "✅", Verdict.SAME: "✅", Verdict.NEW: "🆕"}
@@ -72,8 +70,8 @@ def terminal(comparison: Comparison) -> str:
         findings += [f"{_word(row.verdict):<7} {row.name}: {note}" for note in row.notes]
     findings += [f"advice  {row.name}: {row.advice}" for row in comparison.rows if row.advice]
 
-    remarks = "\n".join(_wrapped(text) for text in findings)
-    legend = "\n".join(_wrapped(text) for text in _legend(comparison))
+    remarks = "\n".join(wrapped(text, break_on_hyphens=False) for text in findings)
+    legend = "\n".join(wrapped(text, break_on_hyphens=False) for text in _legend(comparison))
     blocks = [plain(tables), remarks, legend, comparison.summary]
     return "\n\n".join(block for block in blocks if block)
 
@@ -148,7 +146,7 @@ def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
     quantities = _quantities(row.deciding for row in rows)
     headers = [("codec", "")]
     for quantity in quantities:
-        if quantity.name == "PSNR":
+        if quantity.name == MAIN:
             headers.append((quantity.name, quantity.scale))
         headers.append((quantity.name, "±" if quantity.metric else quantity.scale))
     lines = []
@@ -166,16 +164,16 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
     PSNR has its value in the new run, then the change with its margin; another metric has the change with its margin
     alone; a size, such as bytes, its value and the change. None: the row has no such quantity, so its cells are dashes.
     """
-    with_value = quantity.name == "PSNR"
+    with_value = quantity.name == MAIN
     if change is None:
         return [NONE, NONE] if with_value else [NONE]
     value = quantity.written(change.new)
     if change.verdict == Verdict.UNLIKE:
         return [value, NOT_COMPARABLE] if with_value else [f"{value} ({NOT_COMPARABLE})"]
-    # The difference is None if neither run measured the quantity, so that nothing changed. "=" where it rounds to 0.
-    text = quantity.difference(change.difference or 0.0)
+    difference = change.difference or 0.0  # None if neither run measured the quantity, so that nothing changed
+    text = quantity.difference(difference)
     if not quantity.metric:  # a size, such as bytes
-        return [value if text == "=" else f"{value} ({text})"]
+        return [f"{value} ({text})" if quantity.shows(difference) else value]
     with_margin = f"{text} ± {quantity.written(change.margin)}"
     return [value, with_margin] if with_value else [with_margin]
 
@@ -188,7 +186,11 @@ def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
     rows = [row for row in rows if row.shown]
     all_changes = list(chain.from_iterable(row.shown for row in rows))
     # A quantity that is the same in both runs in all rows needs no column.
-    changed_names = {change.quantity.name for change in all_changes if _difference(change) != "="}
+    changed_names = {
+        change.quantity.name
+        for change in all_changes
+        if change.difference is None or change.quantity.shows(change.difference)
+    }
     quantities = [quantity for quantity in _quantities([all_changes]) if quantity.name in changed_names]
     if not quantities and not any(row.timing for row in rows):
         return []
@@ -244,9 +246,9 @@ def _cell(change: Change | None) -> str:
     text = quantity.written(change.new)
     if change.verdict == Verdict.UNLIKE:
         return f"{text} (not comparable)"
-    difference = quantity.difference(change.difference or 0.0)
-    if difference != "=":
-        text += f" ({difference})"
+    difference = change.difference or 0.0
+    if quantity.shows(difference):
+        text += f" ({quantity.difference(difference)})"
     if change.margin:
         text += f", ± {quantity.written(change.margin)}"
     return text
@@ -271,8 +273,3 @@ def _quantities(changes_of_rows: Iterable[Sequence[Change]]) -> list[Quantity]:
 def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:
     """The change of a quantity, by its name; None if it is not among them."""
     return next((change for change in changes if change.quantity.name == quantity.name), None)
-
-
-def _wrapped(text: str) -> str:
-    """A text on lines of the terminal's width, without control characters; all lines but the first are indented."""
-    return textwrap.fill(visible(text), WIDTH, subsequent_indent="  ", break_on_hyphens=False)

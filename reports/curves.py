@@ -54,9 +54,7 @@ def _differences(rungs: Rungs) -> _Parts:
     for kind, surfaces in rungs.kinds.items():
         of_kind = of_leads({line: rungs.lead(line, surfaces) for line in values.index})
         of_kind = of_kind[of_kind["surfaces"] == len(surfaces)]  # a median over fewer surfaces would not compare
-        intervals = {line: interval_cell(row) for line, row in of_kind.to_dict("index").items()}
-        values[kind] = of_kind["median"].reindex(values.index)
-        values[f"{kind} interval"] = [intervals.get(line, "") for line in values.index]
+        values[[kind, f"{kind} low", f"{kind} high"]] = of_kind[["median", "low", "high"]].reindex(values.index)
     values["rate"] = [100 * _median_rate(rungs, line) for line in values.index]
     values = values.sort_values("median", ascending=False, kind="stable")
     told = f"None is told apart: that takes {LEAST_SURFACES} surfaces."
@@ -84,7 +82,7 @@ def _with_interval(kind: str) -> Callable[[Row], str]:
         """The lead and its interval: “+0.5 (+0.2 to +1.1)”; a dash without one."""
         if isnan(row[kind]):
             return NONE
-        return f"{signed(row[kind], 1)} ({row[f'{kind} interval'].rstrip('*')})"
+        return f"{signed(row[kind], 1)} ({signed(row[f'{kind} low'], 1)} to {signed(row[f'{kind} high'], 1)})"
 
     return write
 

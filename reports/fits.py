@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from bench.records import Job, Run, codec_of, grouped
+from bench.records import Job, Run, as_published, codec_of, grouped
 from reports.rows import materials
 from reports.table import Table
 from reports.values import Column, Stale, written
@@ -46,7 +46,7 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
                 if "seconds" in point and "psnr" in point:  # a codec may leave them out
                     points.append((point["step"], point["seconds"], point["psnr"]))
             if points:
-                published = row.job.get("settings", {}).get("recipe") == "paper"
+                published = as_published(row.job)
                 curves.append(FitCurve(row.job["job"], row.label, points, _direct(row.job), published))
         if curves:
             by_material[material.name] = curves
@@ -55,11 +55,8 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
 
 def _direct(job: Job) -> float:
     """The share of a fit's steps before NeuBTF's autoencoder makes the texture; 0 for a fit without such a stage."""
-    settings = job.get("settings", {})
-    share = settings.get("direct", 0)
-    if settings.get("recipe") == "paper" or not isinstance(share, float):
-        return 0.0
-    return share
+    share = job.get("settings", {}).get("direct", 0)
+    return share if isinstance(share, float) and not as_published(job) else 0.0
 
 
 def stages_note(curves: Sequence[FitCurve]) -> str:

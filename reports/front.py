@@ -20,7 +20,7 @@ from bench.compare.statistics import FEWEST
 from bench.records import MOST_DB, Run
 from reports.curves import curves_tables
 from reports.notes import about_times
-from reports.numbers import NONE, fixed, significant
+from reports.numbers import NONE, as_read, fixed, significant
 from reports.of_rungs import (
     CODEC,
     METRICS,
@@ -272,7 +272,8 @@ def _median_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
         medians = pd.DataFrame({column.field: median_over(rungs.of_picks(picks, column.field)) for column in columns})
         by_line: Any = medians.to_dict("index")
         for line, row in by_line.items():
-            read = tuple(None if isnan(row[column.field]) else column.rounded(row[column.field]) for column in columns)
+            values = [(row[column.field], column.digits) for column in columns]
+            read = tuple(None if isnan(value) else as_read(value, digits) for value, digits in values)
             found.setdefault(line, {}).setdefault(read, (row, []))[1].append(budget)
     for line, of_line in found.items():
         for row, limits in of_line.values():
@@ -307,7 +308,7 @@ def when_table(run: Run) -> Iterator[Table]:
         lines: dict[float, list[str]] = {}  # by number as it reads: lines with the same are equally good
         by_line: dict[Any, float] = medians.to_dict()
         for line, value in by_line.items():
-            lines.setdefault(metric.rounded(value), []).append(line)
+            lines.setdefault(as_read(value, metric.digits), []).append(line)
         if not lines:  # no line reaches that budget on each surface
             continue
         first, second, *_ = [*lines.items(), (nan, [NONE])]  # there may be no next best

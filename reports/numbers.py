@@ -1,15 +1,15 @@
-"""Formats numbers for tables, and reads them from the statistics of a record.
+"""Formats numbers for tables.
 
 A cell without a number says why: “exact” (no slice, that is no picture of the material at a pair of directions, has an
 error, so that a PSNR is infinite), `n/a` (the metric does not apply), `n/c` (it must not be compared) or, for anything
 that is missing, a dash.
 """
 
-from typing import TYPE_CHECKING, Any
+from math import isfinite
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
-    from bench.records import Statistics
 
 NONE, EXACT, NOT_APPLICABLE, NOT_COMPARABLE = "—", "exact", "n/a", "n/c"
 
@@ -35,31 +35,21 @@ def significant(value: float | None, digits: int = 3) -> str:
         return "0"
     if not 1e-5 <= abs(value) < 1e7:
         return f"{value:.{digits - 1}e}"
+    return f"{value:,.{_decimals(value, digits)}f}"
+
+
+def _decimals(value: float, digits: int) -> int:
+    """The decimals with which a number has so many significant digits: at least 0 below 10,000,000."""
     exponent = int(f"{value:e}".rpartition("e")[2])  # of ten, after rounding: 9.9999999 is 1e1
-    decimals = max(0, digits - 1 - exponent)
-    return f"{value:,.{decimals}f}"
+    return digits - 1 - exponent if abs(value) >= 1e7 else max(0, digits - 1 - exponent)
 
 
-def stated(stats: "Statistics", *names: str) -> Any:
-    """The number that a metric's statistics over slices hold under a name, such as `mean`; for several names a tuple.
-
-    The tuple has the numbers in the order of the names, without those that are missing, such as the std of one slice.
-    In place of a number: `EXACT` if no slice has an error, `NOT_APPLICABLE` if none of the names has a number, None
-    without statistics.
-    """
-    if not stats:
-        return None
-    if stats.get("exact") and stats["exact"] == stats.get("slices"):  # both are counts of slices
-        return EXACT
-    numbers = tuple(stats[name] for name in names if stats.get(name) is not None)
-    if not numbers:
-        return NOT_APPLICABLE
-    return numbers if len(names) > 1 else numbers[0]
-
-
-def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
-    """Of (mean, standard deviation): mean ± deviation. Of a mean alone: the mean."""
-    return " ± ".join(fixed(number, digits) for number in numbers)
+def as_read(value: float, digits: int) -> float:
+    """A number as it reads with `digits` decimals or, of −n, as `significant` with n digits, so that what reads the
+    same counts as the same."""
+    if not isfinite(value):
+        return value
+    return round(float(value), digits if digits >= 0 else _decimals(value, -digits))
 
 
 def signed(difference: float, digits: int = 2) -> str:

@@ -16,7 +16,7 @@ from importlib.resources import files
 from itertools import chain
 from typing import Any
 
-from bench.records import ARTEFACT, RESULTS, Run, field_names, grouped, kept
+from bench.records import ARTEFACT, RESULTS, Run, field_names, grouped, kept, rounded
 from reports import series
 from reports.atlas import MAGMA, Atlases
 from reports.figures import Figure
@@ -80,9 +80,7 @@ def document(
 
 def _plot_data(codecs: series.Series, plots: Sequence[series.Plot]) -> Iterator[Data]:
     """One element: the plots, with five digits of each number, and what the page's code needs to draw them."""
-    # Numbers lie at any depth: write all as JSON, and round each one when it is read back.
-    rounded_plots = json.loads(json.dumps(plots), parse_float=lambda text: float(f"{float(text):.5g}"))
-    content = {"codecs": codecs, "plots": rounded_plots, "width": WIDTH, "magma": MAGMA.tolist()}
+    content = {"codecs": codecs, "plots": rounded(plots, 5), "width": WIDTH, "magma": MAGMA.tolist()}
     yield Data("data", as_json(content))
 
 

@@ -13,14 +13,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import product
 from math import isnan, nan
-from statistics import fmean
 from typing import Any
 
 import pandas as pd
 
-from bench.metrics import stats_of
-from bench.records import FLIP, PSNR, SSIM, Job, Run, codec_of, grouped
-from reports.numbers import NONE, fixed, signed, stated
+from bench.compare.frame import settings_in
+from bench.metrics import all_exact, mean_over, stats_of
+from bench.records import FLIP, PSNR, SSIM, Job, Run, as_published, codec_of, grouped
+from reports.numbers import EXACT, NONE, NOT_APPLICABLE, fixed, signed
 from reports.rows import MaterialRows
 from reports.table import Note, OfData, Table
 from reports.values import Column, Row, Stale, written
@@ -136,7 +136,7 @@ def _cell(material: str, row: Row) -> str:
 
 def _fit_in_words(fit: Mapping[Any, Any]) -> str:
     """A row of `_numbers` as a fit: "corduroy, steps=20000, 3 seeds, ± 0.07 dB", the deviation of PSNR over them."""
-    settings = [word for word in fit["label"].split()[1:] if word != RECIPE]
+    settings = settings_in(fit["label"])
     if fit["steps"] and not any(word.startswith("steps=") for word in settings):  # no label has a default
         settings.append(f"steps={fit['steps']}")
     words = [f"{fit['material']} {fit['size']}".strip(), *settings, f"{fit['seeds']} seed{'s' * (fit['seeds'] > 1)}"]
@@ -202,10 +202,10 @@ def _starts(run: Run, suite: str) -> set[str | None]:
 def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     """What both tables show: a row for each material, label, status, group of pairs and family of metrics.
 
-    `material` is ours and `paper` the one that it stands for, or is `itself`; `by_recipe` says whether the label is the
-    paper's method by its recipe. Over the `seeds` are `mean` and `std` the means of the mean and the
-    deviation over slices, and `over_seeds` the deviation of that mean, NaN of a single seed. Without a number `mean` is
-    NaN, and `why` says why: “exact”, “n/a”, a dash if it was not measured, the status, or where to get the material.
+    `material` is ours and `paper` the one that it stands for, or is `itself`; `by_recipe` says whether the fit is by
+    the paper's method and recipe. Over the `seeds` are `mean` and `std` the means of the mean and the deviation over
+    slices, and `over_seeds` the deviation of that mean, NaN of a single seed. Without a number `mean` is NaN, and `why`
+    says why: “exact”, “n/a”, a dash if it was not measured, the status, or where to get the material.
     """
     # A nearest material counts only in its suite: other suites measure these materials, too.
     starts = _starts(run, NEAREST_SUITE)
@@ -217,6 +217,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
         job = fit.job
         row: dict[str, Any] = {"material": job["material"], "paper": NEAREST.get(job["material"], job["material"])}
         row |= {"label": fit.label, "status": job["status"], "group": group, "family": family}
+        row |= {"by_recipe": job.get("codec") == METHOD and as_published(job)}
         row |= {"stale": "", "steps": job.get("settings", {}).get("steps", 0), "mean": nan, "std": nan}
         height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
         row["size"] = f"{height} × {width}" if height != width else ""  # the paper's are square
@@ -225,14 +226,13 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
             if fit.values["stale"]:
                 row["stale"] = f"{job['codec']}: {fit.values['stale']}"
             stats = stats_of(job, family, group)
-            found = stated(stats, "mean")  # a number, or why there is none
-            if isinstance(found, str | None):
-                row["why"] = found or NONE
+            if all_exact(stats):
+                row["why"] = EXACT
             else:
-                row |= {"mean": found, "std": stats.get("std")}
+                row |= {"mean": stats.get("mean"), "std": stats.get("std"), "why": NOT_APPLICABLE if stats else NONE}
         rows.append(row)
     keys = ["material", "paper", "label", "status", "group", "family"]
-    frame = pd.DataFrame(rows, columns=[*keys, "stale", "steps", "size", "why", "mean", "std"])
+    frame = pd.DataFrame(rows, columns=[*keys, "by_recipe", "stale", "steps", "size", "why", "mean", "std"])
     numbers = (
         frame.astype({"mean": float, "std": float})
         .groupby(keys, sort=False, as_index=False)
@@ -242,11 +242,10 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
             over_seeds=("mean", lambda means: means.std(skipna=False)),
             seeds=("stale", "size"),
             stale=("stale", lambda reasons: next(filter(None, reasons), "")),
-            **{name: (name, "first") for name in ("steps", "size", "why")},
+            **{name: (name, "first") for name in ("by_recipe", "steps", "size", "why")},
         )
     )
     numbers["itself"] = numbers["material"] == numbers["paper"]
-    numbers["by_recipe"] = [codec_of(label) == METHOD and RECIPE in label.split() for label in numbers["label"]]
     return numbers
 
 
@@ -315,10 +314,5 @@ def _gain(material: str) -> Callable[[Row], str]:
 
 def _mean(jobs: Iterable[Job], material: str, label: str, family: str) -> float:
     """The mean of a metric over slices, then over the seeds of a label on a material; NaN where there is no number."""
-    numbers = []
-    for job in jobs:
-        if job["material"] == material and job["label"] == label:
-            mean = stats_of(job, family).get("mean")
-            if mean is not None:
-                numbers.append(mean)
-    return fmean(numbers) if numbers else nan
+    mean = mean_over([job for job in jobs if (job["material"], job["label"]) == (material, label)], family)
+    return nan if mean is None else mean

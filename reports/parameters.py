@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, cast
 
 import pandas as pd
 
-from bench.records import Job, grouped, shown_label
+from bench.records import Job, as_published, grouped, shown_label
 from reports.choice import Choice
 from reports.numbers import NONE
 from reports.table import Note, Table
@@ -132,7 +132,7 @@ class _Decoder(NamedTuple):
 def _decoder(job: Job) -> _Decoder:
     """The decoder of a job, as a key."""
     # A codec without the setting `recipe` has only the one that was published.
-    is_our_recipe = job.get("settings", {}).get("recipe", "paper") != "paper"
+    is_our_recipe = "recipe" in job.get("settings", {}) and not as_published(job)
     place = list(PUBLISHED).index(job["codec"])
     return _Decoder(place, is_our_recipe, cast(int, job["parameters"]), job["cost"]["texture_channels"])
 

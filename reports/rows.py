@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from bench.compare.frame import FUSED, values_of
-from bench.metrics import metric_of, stats_of
+from bench.metrics import all_exact, metric_of, stats_of
 from bench.records import (
     CONDITIONS,
     PSNR,
@@ -72,9 +72,7 @@ class Row:
     def psnr(self) -> float | None:
         """The mean display PSNR of the slices that decide, in dB; None if they have no error."""
         stats = self.stats(self.deciding_group, PSNR)
-        if "exact" in stats and stats["exact"] == stats.get("slices"):  # both are counts of slices; with no finite mean
-            return None
-        return stats.get("mean")
+        return None if all_exact(stats) else stats.get("mean")
 
     def metric(self, family: str) -> str:
         """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`); "" if none did."""

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from statistics import fmean
 
 from bench.metrics import stats_of
-from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, Job, SceneModel, fitted_to_scene
+from bench.records import PSNR, SCENE_HELDOUT, Job, SceneModel, counted, fitted_to_scene
 from reports.numbers import fixed, integer, significant
 from reports.rows import CodecRows, MaterialRows, Row
 from reports.table import Table
@@ -81,7 +81,7 @@ def scene_gains(material: MaterialRows) -> Iterator[str]:
         whole = whole_row.job
         scene = row.job
         heldout = "held-out pairs", _heldout_psnr(whole), _heldout_psnr(scene)
-        frames = "the pixels of its frames", _frames_psnr(whole), _frames_psnr(scene)
+        frames = "the pixels of its frames", frames_psnr(whole), frames_psnr(scene)
         yield f"{row.name}: {gain(whole['bytes']['total'], scene['bytes']['total'], [heldout, frames])}"
 
 
@@ -90,9 +90,9 @@ def _heldout_psnr(job: Job) -> float | None:
     return stats_of(job, PSNR, SCENE_HELDOUT).get("mean")
 
 
-def _frames_psnr(job: Job) -> float | None:
-    """The PSNR of the frames of the scene, in dB; None if they have no error."""
-    return job["scene"]["metrics"].get(PSNR)
+def frames_psnr(job: Job) -> float | None:
+    """The PSNR of the frames of the scene, in dB; None if they have no error, or were not scored."""
+    return job.get("scene", {}).get("metrics", {}).get(PSNR)
 
 
 def scene_quality(codec: CodecRows) -> float:
@@ -100,12 +100,8 @@ def scene_quality(codec: CodecRows) -> float:
     scene or, without any, in its frames; minus infinity if nothing was measured."""
     values = []
     for row in codec.measured:
-        psnr = None  # stands for no error, and for a row that was scored in neither
-        if stats_of(row.job, PSNR, SCENE_HELDOUT):
-            psnr = _heldout_psnr(row.job)
-        elif "scene" in row.job:
-            psnr = _frames_psnr(row.job)
-        values.append(MOST_DB if psnr is None else psnr)
+        in_scene = stats_of(row.job, PSNR, SCENE_HELDOUT)
+        values.append(counted(_heldout_psnr(row.job) if in_scene else frames_psnr(row.job)))
     return fmean(values) if values else float("-inf")
 
 

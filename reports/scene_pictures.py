@@ -9,12 +9,12 @@ from collections.abc import Iterator
 import numpy as np
 from PIL import Image
 
-from bench.records import PSNR, Run
+from bench.records import Run, counted
 from reports.artefacts import Arrays, of_shown
 from reports.atlas import webp
 from reports.numbers import EXACT, fixed, integer
 from reports.rows import MaterialRows, Row
-from reports.scene_models import in_pairs
+from reports.scene_models import frames_psnr, in_pairs
 
 PAIRS = 2  # models of a scene that are shown, each beside the whole one
 WHOLE = 3  # whole models that are shown in a run without models of its scene
@@ -49,14 +49,14 @@ def _labels_of_models(material: MaterialRows) -> list[str]:
     In a run without models of a scene, they are those of the best whole models.
     """
     # Each pair is the rows of a whole model and of the model of the scene; the latter's quality sorts them, best first.
-    pairs = sorted(in_pairs(material), key=lambda pair: _psnr(pair[1]), reverse=True)
+    pairs = sorted(in_pairs(material), key=lambda pair: _quality(pair[1]), reverse=True)
     labels_of_pairs = {scene.label: [whole.label, scene.label] for whole, scene in pairs}  # several seeds are one pair
     if labels_of_pairs:
         labels: list[str] = []
         for labels_of_pair in list(labels_of_pairs.values())[:PAIRS]:
             labels += labels_of_pair
         return labels
-    best_first = sorted(material.shown, key=_psnr, reverse=True)
+    best_first = sorted(material.shown, key=_quality, reverse=True)
     return [row.label for row in best_first[:WHOLE]]
 
 
@@ -65,16 +65,15 @@ def _with_frames_like(models: list[tuple[Row, Arrays]], truth: np.ndarray) -> li
     return [(row, frames) for row, frames in models if frames["decoded"].shape == truth.shape]
 
 
-def _psnr(row: Row) -> float:
-    """The PSNR of a row's frames in dB, to sort by; infinite where they have no error, or were not scored."""
-    value = row.job.get("scene", {}).get("metrics", {}).get(PSNR)
-    return float("inf") if value is None else float(value)
+def _quality(row: Row) -> float:
+    """The PSNR of a row's frames in dB, to sort by."""
+    return counted(frames_psnr(row.job))
 
 
 def _caption(row: Row) -> str:
     """The words below a picture: the label, the PSNR of all frames, and the bytes of the file."""
-    psnr = _psnr(row)
-    psnr_in_words = EXACT if psnr == float("inf") else f"{fixed(psnr, 2)} dB"
+    psnr = frames_psnr(row.job)
+    psnr_in_words = EXACT if psnr is None else f"{fixed(psnr, 2)} dB"
     return f"{row.label}: {psnr_in_words}, {integer(row.job['bytes']['total'])} bytes"
 
 

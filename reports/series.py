@@ -16,7 +16,7 @@ from bench.compare.choosing import has_validation, validation_of
 from bench.compare.frame import line_of
 from bench.compare.paired import decibels
 from bench.inputs.errors import InputError
-from bench.records import MOST_DB, Run, view
+from bench.records import Run, counted, view
 from reports.fits import FitCurve, curves_by_material, stages_note
 from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.styles import Styles, is_own
@@ -145,7 +145,7 @@ def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
     def score(row: Row) -> float:
         """The PSNR in dB by which a row is chosen."""
         psnr = validation_of(row.job).get("mean") if by_validation else row.psnr
-        return MOST_DB if psnr is None else psnr  # None: no slice has an error
+        return counted(psnr)
 
     best: dict[str, tuple[float, CodecRows]] = {}  # by codec: the PSNR, and the rows of the setting
     for codec in codecs:

@@ -144,7 +144,7 @@ def _mean(pairs: Sequence[tuple[Any, Any]]) -> float:
     """The mean over materials of the pairs of `_on_materials`; infinite if each is, NaN if a material has no number."""
     if all(stated == inf for stated, _ in pairs):
         return inf
-    return fmean(nan if isinstance(number, str) else number for _, number in pairs)
+    return fmean(number for _, number in pairs)
 
 
 class _Differences(NamedTuple):

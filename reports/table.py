@@ -1,7 +1,7 @@
 """One table as text in cells, the best of each column bold, the second underlined.
 
-A *mark* makes a cell bold or underlined. A *note* is a text below a table. Its *words* are its first columns, such as
-that of the codec; the others have *numbers*.
+A *mark* makes a cell bold or underlined. A *note* is a text below a table. A table's *words* are its first columns,
+such as that of the codec; the others have *numbers*.
 """
 
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,7 @@
 """Chooses the tables of a run, by kind. Other modules make them, and write them in a format.
 
-The *kind* of a table is one of `reports.KINDS`; for each, `_OF_KIND` has a *maker*, a function that makes the tables of
-a run.
+The *kind* of a table is one of `reports.KINDS`; for each there is a *maker*, a function that makes the tables of a run:
+`_OF_KIND` has those that need nothing else, and `all_tables` adds the others.
 """
 
 from collections.abc import Callable, Iterable, Mapping

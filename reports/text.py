@@ -146,9 +146,9 @@ def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
     yield from zip_longest(*lines_of_columns, fillvalue="")
 
 
-def wrapped(note: str) -> str:
-    """A note folded to the width of a terminal; its further lines are indented."""
-    return textwrap.fill(visible(note), WIDTH, subsequent_indent="  ")
+def wrapped(text: str, break_on_hyphens: bool = True) -> str:
+    """A text folded to the width of a terminal, without control characters; its further lines are indented."""
+    return textwrap.fill(visible(text), WIDTH, subsequent_indent="  ", break_on_hyphens=break_on_hyphens)
 
 
 def markdown(tables: Sequence[Table]) -> str:

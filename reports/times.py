@@ -2,8 +2,8 @@
 
 A *setting* is a codec with its settings, named by its label. A *sample* is one query of a decoder: a place, a view and
 a light direction, a footprint. A *batch* is the number of samples of one call. A *variant* is an execution ("eager",
-"fused") with a precision ("float32"). Settings are timed in turns with it, in *rounds*; `rounds` has the time as a
-multiple of the floor for each round on each surface. The *limit* is the time of the arithmetic, or of the reads, at the
+"fused") with a precision ("float32"). Settings are timed in turns with the floor, in *rounds*; `rounds` has the time
+as a multiple of it for each round on each surface. The *limit* is the time of the arithmetic, or of the reads, at the
 machine's measured rates.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 import pandas as pd
 
 from bench.compare.choosing import usual_batch
-from bench.records import Machine, Run, Timing, conditions_in_words, timed_on
+from bench.records import Machine, Run, Timing, conditions_in_words, timed_on, variant_of
 from reports.numbers import NONE, significant
 from reports.table import Table
 from reports.values import Column, Row, written
@@ -78,10 +78,10 @@ def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
         return
     usual = usual_batch(timings)
     timings = [timing for timing in timings if timing["batch"] == usual]  # other batches: see `_batches`
-    variants = list(dict.fromkeys(_variant(timing) for timing in timings))
+    variants = list(dict.fromkeys(variant_of(timing) for timing in timings))
     timings_of_label: dict[str, dict[str, Timing]] = {}  # by label, then by variant
     for timing in timings:
-        timings_of_label.setdefault(timing["label"], {})[_variant(timing)] = timing
+        timings_of_label.setdefault(timing["label"], {})[variant_of(timing)] = timing
     rows = []
     for label, timing_of_variant in timings_of_label.items():
         row: dict[str, Any] = {"setting": _setting(label)}
@@ -108,7 +108,7 @@ def _of_gpu(timings: list[Timing]) -> Iterator[Table]:
     for timing in timings:
         if "read_bytes" in timing and timing["batch"] == usual_batch(timings):
             ns = timing["ns_per_sample"]
-            row: dict[str, Any] = {"setting": _setting(timing["label"]), "variant": _variant(timing)}
+            row: dict[str, Any] = {"setting": _setting(timing["label"]), "variant": variant_of(timing)}
             row |= {"rate": timing["read_bytes"] / ns}  # bytes a ns are gigabytes a second
             row |= {"memory": timing.get("memory", nan) / 2**20}
             row |= {"energy": timing.get("watts", nan) * ns}  # a watt for a ns is a nanojoule
@@ -127,11 +127,6 @@ def _of_gpu(timings: list[Timing]) -> Iterator[Table]:
 def _setting(label: str) -> str:
     """The label of a setting without the steps of its fit, which change no time."""
     return " ".join(word for word in label.split() if not word.startswith("steps="))
-
-
-def _variant(timing: Timing) -> str:
-    """The execution and precision, as “fused float32”."""
-    return f"{timing['execution']} {timing['dtype']}"
 
 
 def _time_and_limit(variant: str) -> Callable[[Row], str]:

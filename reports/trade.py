@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import pandas as pd
 
-from bench.compare.choosing import answers, name_of_choice, on_front
+from bench.compare.choosing import answers, is_plain, name_of_choice, on_front
 from bench.records import Run, Timing, conditions_in_words, grouped
 from reports.numbers import NONE
 from reports.table import Table
@@ -153,8 +153,7 @@ def _stability(material: str, rows: Sequence[Timing], stale: Stale) -> Table:
     from those of eager float32 with the same label. `rows` are all choices of the material."""
     psnr_of_eager_float32: dict[str, float] = {}  # by label
     for row in rows:
-        is_eager_float32 = name_of_choice(row) == row["label"]  # only its choices are named by their label alone
-        if is_eager_float32 and "psnr" in row:
+        if is_plain(row) and "psnr" in row:
             psnr_of_eager_float32[row["label"]] = cast(float, row["psnr"])
     found = []
     for row in rows:

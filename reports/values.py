@@ -6,23 +6,25 @@ columns of the frame.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from math import inf, isfinite, isnan, nan
+from math import inf, isnan, nan
 from typing import Any, NamedTuple
 
 import pandas as pd
 
 from bench.codecs.alike import stale
 from bench.records import Job
-from reports.numbers import EXACT, NONE, fixed, signed, significant
+from reports.numbers import EXACT, NONE, as_read, fixed, signed, significant
 from reports.table import BOLD, FEW, STALE, UNDERLINED, Spread, Table, stale_note
 
 Row = Mapping[Hashable, Any]  # a row of the frame by column
+WHY = "{}, why not"  # the column that says in words why another has no number, or ""
 
 
 class Column(NamedTuple):
     """A column of a table: its two lines of header, and how it is written from a column of a frame.
 
-    Values are words, or numbers with NaN where there is none, which is a dash; an infinite one reads “exact”.
+    Values are words, or numbers: an infinite one reads “exact”. NaN, where there is none, reads as the words in the
+    column `WHY` of the field, or as a dash.
     """
 
     name: str
@@ -48,7 +50,7 @@ class Column(NamedTuple):
         if isinstance(value, str):
             return value
         if pd.isna(value):
-            return NONE
+            return row.get(WHY.format(self.field)) or NONE
         if value == inf:
             return EXACT
         before = self.before[0] if self.before[1] and row[self.before[1]] else ""
@@ -58,14 +60,6 @@ class Column(NamedTuple):
             other = self if self.beside_digits is None else self._replace(digits=self.beside_digits)
             beside = self.pair.format(other._number(row[self.beside]))
         return before + self._number(value) + beside + after
-
-    def rounded(self, value: float) -> float:
-        """A number as it reads when written, so that what reads the same counts as the same."""
-        if not isfinite(value):
-            return value
-        if self.digits >= 0:
-            return round(float(value), self.digits)
-        return float(self._number(value).replace(",", ""))
 
     def _number(self, value: float) -> str:
         if self.digits < 0:
@@ -158,7 +152,7 @@ def _marked(values: pd.DataFrame, column: Column) -> dict[int, str]:
     better = column.better or column.unit[-1:]
     if not column.ranked or better not in ("↑", "↓"):
         return {}
-    read = [nan if isinstance(value, str) else column.rounded(value) for value in values[column.field]]
+    read = [nan if isinstance(value, str) else as_read(value, column.digits) for value in values[column.field]]
     if better == "↓" and not column.write:  # an infinite one reads “exact”, which is the best by any measure
         read = [-inf if value == inf else value for value in read]
     if column.unranked:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bench.files.atomic import replacing
+from bench.files import atomic
 from bench.records import Run, load_run
 from reports import KINDS, Report, figures, trade
 from reports.figures.canvas import Figure
@@ -47,7 +47,7 @@ class _ReportFolder:
         page_figures = self.write_figures(formats)
         self.remove_old()
         page = self.folder / "report.html"
-        with replacing(page) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
+        with atomic.replacing(page) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
             file.writelines(Page(self.run, narrow_tables, page_figures).pieces())
         return Report(terminal(self.run), [*self.files, page])
 
@@ -132,6 +132,5 @@ def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[
 
 def put(path: Path, content: bytes) -> Path:
     """Write a file completely or not at all; returns its path."""
-    with replacing(path) as partial:
-        partial.write_bytes(content)
+    atomic.write(path, content)
     return path

@@ -23,6 +23,7 @@ from bench.records import (
     Timing,
     codec_of,
     deciding_group,
+    variant_of,
     view,
 )
 
@@ -210,15 +211,16 @@ def answers(material: str, choices: list[Timing]) -> Iterator[str]:
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 
+def is_plain(row: Timing) -> bool:
+    """Whether a choice is of the default execution and precision."""
+    return (row["execution"], row["dtype"]) == ("eager", "float32")
+
+
 def name_of_choice(row: Timing) -> str:
     """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
-    label = str(row["label"])
-    variant = f"{row['execution']} {row['dtype']}"
-    if row.get("emulated"):
-        variant += ", emulated"
-    if variant == "eager float32":
-        return label
-    return f"{label} [{variant}]"
+    if is_plain(row):
+        return str(row["label"])
+    return f"{row['label']} [{variant_of(row)}{', emulated' if row.get('emulated') else ''}]"
 
 
 def choice_in_words(row: Timing) -> str:

@@ -171,7 +171,7 @@ def _mean_change(changes: list[Change], every: bool) -> Change:
     """The change of one quantity over some rows: plain means of base and new, which are shown, and a weighted mean of
     their differences, which decides, with its margin.
 
-    Rows that scatter more weigh less. `every` is as in `_mean`.
+    Rows that scatter more weigh less. `every` is as in `_mean_row`.
     """
     quantity = changes[0].quantity
     tolerance = quantity.tolerance
@@ -201,7 +201,7 @@ def _weights(changes: list[Change], tolerance: Tolerance) -> list[float]:
 
 
 def _margin(tolerance: Tolerance, chance: Chance | None, every: bool) -> float:
-    """How much a mean may lose, at least as much as chance explains; `every` is as in `_mean`."""
+    """How much a mean may lose, at least as much as chance explains; `every` is as in `_mean_row`."""
     if every:
         least = tolerance.common
     elif chance is not None:

@@ -38,6 +38,8 @@ from bench.records import (
     Run,
     RunStart,
     Timing,
+    as_published,
+    codec_of,
     fitted_to_scene,
     flattened,
     kind_of,
@@ -91,19 +93,18 @@ def frame_of(run: Run, records: bool = True) -> "pd.DataFrame":
 
 def line_of(job: Job) -> str:
     """The line of a job: its codec's name; a codec as published has its own line."""
-    codec, *_ = str(job["label"]).split()
-    if job.get("settings", {}).get("recipe") == "paper":
-        return f"{codec}, as published"
-    return codec
+    codec = codec_of(job["label"])
+    return f"{codec}, as published" if as_published(job) else codec
+
+
+def settings_in(label: str) -> list[str]:
+    """The settings that a label names after its codec, without the one that makes a line of its own."""
+    return [word for word in label.split()[1:] if word != "recipe=paper"]
 
 
 def setting_of(job: Job) -> str:
     """The settings of a job in words, without those of its line."""
-    _, *words = str(job["label"]).split()  # after the codec's name
-    settings = [word for word in words if word != "recipe=paper"]
-    if not settings:
-        return "default"
-    return " ".join(settings)
+    return " ".join(settings_in(job["label"])) or "default"
 
 
 def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> "pd.DataFrame":

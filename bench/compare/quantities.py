@@ -13,7 +13,7 @@ from functools import partial
 from typing import cast
 
 from bench.compare.statistics import average
-from bench.metrics import PERIODIC, in_decibels, metric_of
+from bench.metrics import PERIODIC, all_exact, in_decibels, metric_of
 from bench.records import FLIP, MOST_DB, PSNR, Job, Statistics, deciding_group, metrics_of
 
 FOOTPRINTS = "footprints"  # in place of a metric's name: PSNR of averages over squares of 2, 4 and 8 texels
@@ -72,12 +72,16 @@ class Quantity:
             return "exact"
         return f"{value:,.{self.digits}f}"
 
+    def shows(self, change: float) -> bool:
+        """Whether a change does not round to zero at these digits."""
+        return round(change, self.digits) != 0
+
     def difference(self, change: float) -> str:
-        """A change with its sign; "=" if it rounds to zero at these digits."""
+        """A change with its sign; "=" where it does not show."""
         if not math.isfinite(change):
             got_worse = (change < 0) == (self.better == "higher")
             return "not exact" if got_worse else "exact now"
-        if not round(change, self.digits):  # instead of "+0.00" or "−0.00"
+        if not self.shows(change):  # instead of "+0.00" or "−0.00"
             return "="
         return f"{change:+,.{self.digits}f}".replace("-", "−")
 
@@ -223,7 +227,4 @@ def _stored_or_infinite(stats: Statistics, stored: float | None, decibels: bool 
     """
     if stored is not None or not decibels:
         return stored
-    all_exact = stats.get("exact") == stats.get("slices")
-    if stats.get("slices") and all_exact:
-        return math.inf
-    return None
+    return math.inf if all_exact(stats) else None

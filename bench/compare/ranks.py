@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.compare.statistics import critical_difference, mean_ranks
-from bench.metrics import stats_of
+from bench.metrics import mean_over
 from bench.records import PSNR, Job
 
 SAME_DB = 0.005  # tables do not show a smaller difference, so such codecs share a rank
@@ -69,10 +69,5 @@ def standings(cells: Jobs) -> list[Standing]:
 
 def _qualities(codecs: Mapping[str, Sequence[Job]]) -> dict[str, float]:
     """The mean over seeds of the mean PSNR of slices by label; absent where none was measured."""
-    qualities = {}
-    for label, jobs in codecs.items():
-        means = [stats_of(job, PSNR).get("mean") for job in jobs]
-        measured = [mean for mean in means if mean is not None]
-        if measured:
-            qualities[label] = fmean(measured)
-    return qualities
+    means = {label: mean_over(jobs, PSNR) for label, jobs in codecs.items()}
+    return {label: mean for label, mean in means.items() if mean is not None}

@@ -20,7 +20,7 @@ from bench import records
 from bench.compare.comparison import check_whole
 from bench.compare.paired import decibels, packed
 from bench.compare.quantities import MAIN, deciding
-from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
+from bench.compare.verdicts import FEW_SEEDS, agree, same_pairs, smallest_loss
 from bench.files.atomic import write
 from bench.inputs.errors import InputError, writable
 from bench.metrics import metric_of, read_scores, stats_of
@@ -43,6 +43,7 @@ from bench.records import (
     kept,
     load_run,
     metrics_of,
+    rounded,
 )
 
 WIDEST = 1.0  # dB of PSNR: a reference that cannot tell such a loss from chance is refused
@@ -144,12 +145,7 @@ def few_seeds(run: Run) -> list[str]:
 def pairs_by_seed(run: Run) -> list[str]:
     """The names, material/label, of rows whose seeds are scored at different pairs: their numbers differ by these,
     too."""
-    names = []
-    for row, jobs in by_row(run.jobs).items():
-        btfs = {job["score_key"]["btf"] for job in jobs}
-        if len(btfs) > 1:
-            names.append("/".join(row))
-    return names
+    return ["/".join(row) for row, jobs in by_row(run.jobs).items() if not same_pairs(jobs)]
 
 
 def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
@@ -306,17 +302,6 @@ def _reduced_statistics(stats: Statistics, *numbers: str) -> Statistics:
     if None in reduced.values():  # JSON has no infinity: a PSNR without error is None, too
         reduced |= {key: stats[key] for key in ("exact", "slices")}
     return reduced
-
-
-def rounded(value: Any, digits: int = 7) -> Any:
-    """A value of JSON with its numbers, also nested ones, rounded to seven digits, more than any tolerance needs."""
-    if isinstance(value, float):
-        return float(f"{value:.{digits}g}")
-    if isinstance(value, dict):
-        return {key: rounded(item, digits) for key, item in value.items()}
-    if isinstance(value, list):
-        return [rounded(item, digits) for item in value]
-    return value
 
 
 def published(run: Run, once: bool = True) -> str:

@@ -114,7 +114,7 @@ def judge(
     before = [quantity.value(job) for job in base]
     after = [quantity.value(job) for job in new]
     values = _scatter_values(quantity, base, new, reference)
-    paired = not _same_pairs(reference)  # each seed has test pairs of its own, so only equal seeds are compared
+    paired = not same_pairs(reference)  # each seed has test pairs of its own, so only equal seeds are compared
     same_files = bool(quantity.metric) and _wrote_same_files(base, new)
     if quantity.tolerance is not None and not (paired or same_files or _gave_same_numbers(before, after)):
         # Every seed is scored at the same pairs, so all seeds of the base say equally much.
@@ -165,7 +165,7 @@ def _wrote_same_files(base: Sequence[Job], new: Sequence[Job]) -> bool:
     return before == after and None not in after.values()
 
 
-def _same_pairs(jobs: Sequence[Job]) -> bool:
+def same_pairs(jobs: Sequence[Job]) -> bool:
     """Whether all seeds are scored at the same pairs."""
     return len({job["score_key"]["btf"] for job in jobs}) == 1
 
@@ -173,7 +173,7 @@ def _same_pairs(jobs: Sequence[Job]) -> bool:
 def one_file(reference: Sequence[Job]) -> bool:
     """Whether seeds scored at different pairs are known to have given the same file: the codec is deterministic."""
     files = {job["score_key"].get("sha256") for job in reference}
-    return not _same_pairs(reference) and len(files) == 1 and None not in files
+    return not same_pairs(reference) and len(files) == 1 and None not in files
 
 
 def _scatter_values(
@@ -181,7 +181,7 @@ def _scatter_values(
 ) -> list[float | None]:
     """The numbers that measure scatter: those of all seeds of the base; for a metric whose seeds are scored at
     different pairs, the change from base to new at each seed that both have."""
-    if not quantity.metric or _same_pairs(reference):
+    if not quantity.metric or same_pairs(reference):
         return [quantity.value(job) for job in reference]
     after = {job["seed"]: quantity.value(job) for job in new}
     return [_difference(quantity.value(job), after[job["seed"]]) for job in base if job["seed"] in after]

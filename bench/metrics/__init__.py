@@ -15,6 +15,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from statistics import fmean
 from typing import Any
 
 from bench.inputs.errors import InputError, did_you_mean
@@ -229,6 +230,18 @@ def stats_of(job: Job, family: str, group: str = "") -> Statistics:
     metrics = metrics_of(job, group)
     stats: Statistics = metrics.get(metric_of(metrics, family), {})
     return stats
+
+
+def all_exact(stats: Mapping[str, Any]) -> bool:
+    """Whether statistics say that no slice has an error, so that a PSNR is infinite."""
+    return bool(stats.get("exact")) and stats["exact"] == stats.get("slices")  # both are counts of slices
+
+
+def mean_over(jobs: Iterable[Job], family: str) -> float | None:
+    """The mean over jobs, such as those of all seeds, of a metric's mean over slices; None where none has a number."""
+    means = [stats_of(job, family).get("mean") for job in jobs]
+    measured = [mean for mean in means if mean is not None]
+    return fmean(measured) if measured else None
 
 
 _COUNTS = ("exact", "slices")  # with a mean: whether all its slices are exact, and whether there are any

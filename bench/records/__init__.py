@@ -27,9 +27,11 @@ from bench.records.meaning import (
     SSIM,
     VALIDATION,
     PlannedJob,
+    as_published,
     by_row,
     codec_of,
     conditions_in_words,
+    counted,
     deciding_group,
     fitted_to_scene,
     flattened,
@@ -39,9 +41,11 @@ from bench.records.meaning import (
     metrics_of,
     pictures_are_free,
     planned_jobs,
+    rounded,
     scored_unlike,
     shown_label,
     timed_on,
+    variant_of,
 )
 from bench.records.schema import (
     ARTEFACT,

@@ -100,6 +100,27 @@ def pictures_are_free(job: Job) -> bool:
     return bool(job.get("provenance", {}).get("free", kind_of(job) != MEASURED))
 
 
+def as_published(job: Job) -> bool:
+    """Whether a job was fitted by the recipe of its codec's paper, where that is not the default."""
+    return bool(job.get("settings", {}).get("recipe") == "paper")
+
+
+def counted(psnr: float | None) -> float:
+    """A PSNR as it counts in a mean or an order; None, without an error, counts as `MOST_DB`."""
+    return MOST_DB if psnr is None else psnr
+
+
+def rounded(value: Any, digits: int = 7) -> Any:
+    """A value of JSON with its numbers, also nested ones, rounded to seven digits, more than any tolerance needs."""
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}")
+    if isinstance(value, dict):
+        return {key: rounded(item, digits) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(item, digits) for item in value]
+    return value
+
+
 def deciding_group(groups: Container[str]) -> str:
     """The group of pairs that decides a comparison: `heldout`, or `all` if none are held out."""
     return "heldout" if "heldout" in groups else "all"
@@ -144,8 +165,13 @@ def conditions_in_words(timing: Timing, processor: str = "", variant: str = "") 
 
     `variant` stands in the place of its execution and precision, if given.
     """
-    variant = variant or f"{timing.get('execution')} {timing.get('dtype')}"
+    variant = variant or variant_of(timing)
     return f"{timed_on(timing, processor)}, {variant}, batches of {timing.get('batch', 0):,}"
+
+
+def variant_of(timing: Timing) -> str:
+    """The execution and precision of a timing: “fused float32”."""
+    return f"{timing.get('execution')} {timing.get('dtype')}"
 
 
 def flattened(job: Job, timing: Timing | None) -> dict[str, Any]:

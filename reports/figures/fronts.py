@@ -12,8 +12,8 @@ from typing import Any
 
 from matplotlib.ticker import NullLocator
 
-from bench.compare.choosing import on_front
-from bench.records import Run, Timing, grouped
+from bench.compare.choosing import is_plain, on_front
+from bench.records import Run, Timing, grouped, variant_of
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.fits import GOALS_DB
 from reports.front_plots import FAR_DB, Front, front_plots
@@ -105,8 +105,7 @@ def _fronts(material: str, rows: Sequence[Timing], styles: Styles) -> Any:
 
 def _how(row: Timing) -> str:
     """The execution and precision of a row in words, "" for the default ones."""
-    how = row["execution"], row["dtype"]
-    return "" if how == ("eager", "float32") else f" [{' '.join(how)}]"
+    return "" if is_plain(row) else f" [{variant_of(row)}]"
 
 
 def _front(axes: Any, best: Sequence[tuple[float, float | None]], label: str, unit: str) -> None:

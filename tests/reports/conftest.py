@@ -44,7 +44,10 @@ class RunMaker:
         job["footprints"] = dict.fromkeys(("1", "2", "4", "8"), footprint)
         job["history"] = [{"step": 10, "seconds": 0.5, "psnr": 25.0}, {"step": 20, "seconds": 1.0, "psnr": 31.0}]
         job |= {"slices": self._slices(stem, psnr), "pictures": self._pictures(stem), "angular": self._angular(stem)}
-        append(self.folder, job | changes)
+        job |= changes
+        if "recipe=paper" in label.split():
+            job["settings"] = {**job["settings"], "recipe": "paper"}
+        append(self.folder, job)
         return self
 
     def unfinished(self, status, error, label="vq", material="satin"):

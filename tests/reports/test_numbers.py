@@ -1,6 +1,8 @@
+from math import inf
+
 import pytest
 
-from reports.numbers import significant
+from reports.numbers import as_read, significant
 
 
 @pytest.mark.parametrize(
@@ -9,3 +11,11 @@ from reports.numbers import significant
 )
 def test_three_digits_count(value, text):
     assert significant(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "read"),
+    [(1234.567, 1, 1234.6), (0.00123456, -3, 0.00123), (12345.6, -3, 12346), (12345678.9, -3, 1.23e7), (inf, -3, inf)],
+)
+def test_a_number_is_rounded_as_it_reads(value, digits, read):
+    assert as_read(value, digits) == read

@@ -41,7 +41,7 @@ from bench.demand.demand import load as load_demand
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
 from bench.program.recording import program_of
-from bench.records import FILE, MOST_DB, PSNR, Timing, load_run, timed_on
+from bench.records import FILE, PSNR, Timing, counted, load_run, timed_on
 from bench.runs.runner import Options
 from bench.runs.suite import Suite, canonical, load_suite, with_changes
 from bench.runs.trade import run_and_measure
@@ -296,7 +296,7 @@ def _by_frames(folder: Path, rungs: list["Rung"], demand: str) -> list["Rung"]:
         job = run.job(rung.of["of"]) if run else None
         if job and job["score_key"].get("demand") == demand:
             psnr = job["scene"]["metrics"].get(PSNR)
-            found.append(replace(rung, score=MOST_DB if psnr is None else psnr))  # None: there is no error
+            found.append(replace(rung, score=counted(psnr)))
     return found
 
 
