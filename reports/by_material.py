@@ -115,9 +115,8 @@ class Measure(NamedTuple):
             return min(numbers), max(seconds), ""
         if self.second:
             return fmean(numbers), fmean(seconds) if seconds else nan, ""
-        read = map(partial(as_read, digits=self.digits), values)
-        alike = len(set(map(str, read))) == 1  # as texts, because no NaN equals another
-        shown = self.deviation and len(numbers) > 1 and not alike
+        read = {str(as_read(value, self.digits)) for value in values}  # as texts, because no NaN equals another
+        shown = self.deviation and len(numbers) > 1 and len(read) > 1
         return fmean(numbers), stdev(numbers) if shown else nan, ""
 
     def _value(self, record: Mapping[str, Any]) -> tuple[float, str]:
