@@ -10,7 +10,6 @@ An *exact* slice has no error, so its PSNR has no number. The *frames* of a mode
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from math import inf, isnan, nan
 from statistics import fmean, stdev
 from typing import Any, NamedTuple
