@@ -121,6 +121,7 @@ def test_the_training_is_watched_on_what_it_does_not_see() -> None:
     assert int(torch.cat(taken).max()) < 10
 
 
+@pytest.mark.long
 def test_a_killed_pretraining_gives_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 10)
     monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)

@@ -62,6 +62,7 @@ def test_the_height_is_found() -> None:
     assert np.sqrt(np.square(found - truth).mean()) < 0.02
 
 
+@pytest.mark.long
 def test_highlights_that_move_hide_no_relief() -> None:
     btf = load("leather", 48, views=25, lights=13, heldout=0)
     truth = resize(recipe("leather").maps(0).height, (48, 48))
@@ -106,6 +107,7 @@ def test_bits_are_what_is_paid() -> None:
     assert sizes[2] < sizes[4] < sizes[8]
 
 
+@pytest.mark.long
 def test_a_height_is_stored_as_finely_as_it_is_felt() -> None:
     """Rounded, it moves a look-up by at most a third of a texel at the steepest slope that is marched, 5."""
     btf, _ = bumps()

@@ -67,6 +67,7 @@ def installed_here(folder, monkeypatch, name, place, module, text):
     monkeypatch.delitem(sys.modules, module, raising=False)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("decodes_here")
 def test_a_new_codec_is_the_one_of_the_page_and_passes_the_conformance_test(tmp_path, monkeypatch):
     assert cli.main(["new", "codec", "polynomial", "--out", str(tmp_path)]) == 0

@@ -60,6 +60,7 @@ def scored(name="dark"):
     return summarise(scores, btf.wo, btf.wi, {"all": np.arange(3)})["all"]["metrics"]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief", "undrawn")
 def test_it_runs_and_tables_and_lists_show_it(installed, tmp_path, capsys):
     site = installed(SOURCE)
@@ -77,6 +78,7 @@ def test_it_runs_and_tables_and_lists_show_it(installed, tmp_path, capsys):
     assert "dark" in neubtf_bench("table", "main", tmp_path / "run")  # where it is not installed, by its name
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief", "undrawn")
 def test_a_job_that_it_fails_is_scored_again_once_it_is_mended(installed, tmp_path, capsys):
     words = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--metric", "dark", *SMALL]

@@ -89,6 +89,7 @@ def test_where_the_most_frontal_slice_shows_nothing_the_next_that_does_is_the_gu
     assert guiding_pair(Samples(black, 1.0, Fit())) == most_frontal(like)
 
 
+@pytest.mark.long
 def test_the_autoencoder_is_a_part_of_its_own_and_left_out_unless_wanted(tmp_path: Path) -> None:
     codec, without = fitted()
     other, kept = fitted(keep_encoder=True)

@@ -146,6 +146,7 @@ def test_the_guidance_of_a_file_is_the_slice_whose_texture_answers_best() -> Non
     torch.testing.assert_close(fitting.best_guidance(fit), best)
 
 
+@pytest.mark.long
 def test_a_file_by_the_papers_recipe_has_the_version_of_that_recipe(tmp_path: Path) -> None:
     for settings, version in (({"recipe": "paper"}, NeuBTF.recipe_versions["paper"]), ({}, NeuBTF.version)):
         codec = NeuBTF(steps=2, batch=64, slices=2, **settings)

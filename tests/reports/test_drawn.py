@@ -52,6 +52,7 @@ def texts(svg):
     return re.findall(r"<!-- (.*?) -->", svg.read_text(encoding="utf-8"))
 
 
+@pytest.mark.long
 def test_a_figure_has_the_chosen_rows_under_their_new_names(folder):
     found = texts(drawn(folder, "pairs", "--codec", "pca", "--name", "pca=Linear"))
     assert "truth" in found

@@ -116,6 +116,7 @@ def test_test_pairs_do_not_choose_the_setting_of_a_line(made, monkeypatch):
     assert [each["label"] for each in plots["slices"]["series"]] == ["pca components=4"]
 
 
+@pytest.mark.long
 def test_a_run_for_a_scene_leads_with_the_gain_and_pictures_of_the_scene(made):
     group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": {"mean": 25.0, "exact": 0, "slices": 4}}}
 
@@ -335,6 +336,7 @@ def test_a_point_is_told_by_pointer_and_key(opened):
     assert plot.locator(".tip").inner_text() != first
 
 
+@pytest.mark.long
 def test_slices_are_wiped_and_chosen_by_mouse_and_key(opened):
     root = opened.locator('[data-slices="slices0"]')
     root.scroll_into_view_if_needed()

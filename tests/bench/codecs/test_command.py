@@ -121,6 +121,7 @@ def test_a_program_that_does_not_answer_is_ended(first):
     assert not folder.exists()
 
 
+@pytest.mark.long
 def test_programs_must_name_their_files(tmp_path, capsys):
     path = suite(tmp_path)
     text = (tmp_path / "suite.toml").read_text().replace(" {btf}", "")

@@ -79,6 +79,7 @@ def test_bad_input_and_a_full_disk_are_not_the_codecs_fault():
         assert raised.value is error
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("decodes_here")
 def test_the_working_directory_is_restored_and_a_check_says_that_it_was_left(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -113,6 +114,7 @@ def test_a_process_that_a_codec_forks_ends_with_its_encode(tmp_path):
     assert set(endings) == {1}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("decodes_here")
 def test_a_codec_that_removes_its_working_directory_is_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

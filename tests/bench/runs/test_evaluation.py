@@ -141,6 +141,7 @@ class Finer(Material):
         return rgb + self.added * torch.cos(torch.pi * uv[:, :1] * width / 2) ** 2
 
 
+@pytest.mark.long
 def test_between_texels_an_exact_material_is_exact_and_what_a_codec_adds_there_is_found(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
     btf = load("leather", size=8, views=3, lights=3, heldout=7, between=3)

@@ -185,6 +185,7 @@ def test_a_worker_without_the_package_is_said_with_the_remedy():
             worker.wait()
 
 
+@pytest.mark.long
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch, tmp_path):
     pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
     monkeypatch.setattr("bench.runs.executors.PATIENCE", "1s")

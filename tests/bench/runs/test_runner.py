@@ -150,6 +150,7 @@ def test_what_was_put_in_a_files_place_is_not_timed(tmp_path):
         material_of_job(tmp_path, pca, "cpu")
 
 
+@pytest.mark.long
 def test_each_seed_is_scored_at_test_pairs_of_its_own_and_fitted_to_the_same(tmp_path, monkeypatch):
     monkeypatch.setattr("bench.runs.workbench.open_material", open_material)
     data = Preparation(size=12, views=3, lights=3, heldout=6)
@@ -388,6 +389,7 @@ def test_a_fit_to_a_scene_needs_its_demand(tmp_path):
         outcomes(tmp_path, replace(suite, demand=str(tmp_path / "none.npz")))
 
 
+@pytest.mark.long
 def test_a_truth_that_cannot_be_drawn_costs_no_job(tmp_path, monkeypatch, caplog):
     def refuse(_):
         raise ValueError("its directions meet")

@@ -175,6 +175,7 @@ def test_a_codec_that_cannot_be_made_is_left_out_with_a_warning(tmp_path, broken
     assert re.search("broken on satin: not timed: .*package_that_is_not_installed", caplog.text)
 
 
+@pytest.mark.long
 def test_nor_are_variants_and_steps_of_a_codec_that_cannot_be_made(tmp_path, broken, short_variants, caplog):
     found = setting_variants.time_variants(parse_suite("small", BROKEN), tmp_path / "times", "cpu", 5.0)
     assert {record["label"] for record in found} == {"pca components=1", "pca components=2"}
@@ -190,6 +191,7 @@ def test_variants_end_when_their_minutes_are_over_and_keep_what_they_have(tmp_pa
     assert {record["label"] for record in found} == {"pca components=1", "pca components=2", "ntc steps=900 width=8"}
 
 
+@pytest.mark.long
 def test_a_variant_that_ended_a_process_is_not_tried_again_and_one_that_fails_leaves_the_others(
     tmp_path, short_variants, monkeypatch, caplog
 ):

@@ -53,6 +53,7 @@ def test_a_material_without_a_shader_is_baked_and_said_to_be() -> None:
     np.testing.assert_allclose(answer(shader(program, GLSL), uv, wo, wi, 0.25), truth, rtol=2e-3)
 
 
+@pytest.mark.long
 def test_the_page_is_headed_by_a_name_and_no_path_and_export_names_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -113,6 +113,7 @@ def test_the_name_of_a_built_in_reader_is_refused(installed, file):
     assert "FAILS: reader npz" in " ".join(readers.listed().values())
 
 
+@pytest.mark.long
 def test_a_new_reader_is_a_package_whose_test_passes(installed, tmp_path):
     assert cli.main(["new", "reader", "my-format", "--out", str(tmp_path)]) == 0
     folder = tmp_path / "my-format-reader"

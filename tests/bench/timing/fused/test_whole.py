@@ -94,6 +94,7 @@ def test_with_networks_in_line_as_on_a_gpu_the_answers_are_the_same(tmp_path, bt
     assert expected.std() > 0.01
 
 
+@pytest.mark.long
 def test_the_network_alone_may_be_fused(tmp_path, btf):
     bench.encode(btf, "neubtf-direct", tmp_path / "a.nbtf", **CODECS["neubtf-direct"])
     material = bench.load(tmp_path / "a.nbtf")
