@@ -23,7 +23,6 @@ from functools import partial
 from typing import Any
 
 import torch
-import torch._dynamo
 from torch import Tensor, nn
 
 from bench.inputs.errors import InputError, did_you_mean, installed
@@ -40,7 +39,6 @@ DTYPES = {"float32": torch.float32, "tf32": torch.float32, "bfloat16": torch.bfl
 TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
 # Kernels of one function, of all materials of a process: of more, PyTorch would compute without a word as `eager` does.
 MOST_RECOMPILES = 256
-_RECOMPILES = "recompile_limit" if hasattr(torch._dynamo.config, "recompile_limit") else "cache_size_limit"
 LONG_CHUNK = 65_536  # for compiled half precisions on the CPU: small intermediates, but some overhead a call
 FUSED_CHUNK = 1 << 17  # on the CPU: long, because switching between PyTorch's and Dr.Jit's threads is slow
 
@@ -208,7 +206,7 @@ class _Compiled(Wrapped):
         compute = self.whole if len(uv) == self.chunk else self.rest
         try:
             # Only sizes vary: by default a kernel for any size would also read each constant from memory.
-            with torch._dynamo.config.patch({"specialize_float": True, _RECOMPILES: MOST_RECOMPILES}):
+            with torch._dynamo.config.patch({"specialize_float": True, "recompile_limit": MOST_RECOMPILES}):
                 rgb: Tensor = compute(*queries)
         except torch._dynamo.exc.TorchDynamoException as error:
             from torch._inductor.runtime.cache_dir_utils import cache_dir
