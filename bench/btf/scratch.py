@@ -4,7 +4,6 @@ It holds halves, or float32 where halves lose more than their rounding: beyond t
 """
 
 import logging
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -56,13 +55,9 @@ def _write_copy(
     together = max(1, min(TOGETHER, count, BLOCK // (3 * texels * np.dtype(dtype).itemsize)))
     starts = range(0, count, together)
     block: Array = np.zeros((texels, together, 3), dtype)
-    before = time.perf_counter()
-    first_picture = read(0)
-    minutes = (time.perf_counter() - before) * count / 60  # at the pace of the first slice
     log.warning(
-        "writing a scratch file of %.1f MB for scattered reads, about %.0f minutes and %.1f MB of memory: %s",
+        "writing a scratch file of %.1f MB for scattered reads, with %.1f MB of memory: %s",
         block.nbytes * len(starts) / 1e6,
-        np.ceil(minutes),
         block.nbytes / 1e6,
         path,
     )
@@ -70,7 +65,7 @@ def _write_copy(
     too_dim = 0  # values so far that are too small for halves
     for number, start in enumerate(starts):
         for place in range(min(together, count - start)):
-            picture = read(start + place) if start + place else first_picture
+            picture = read(start + place)
             if dtype is np.float16:
                 size = np.abs(picture)
                 too_dim += int(((size > 0) & (size < LEAST)).sum())
