@@ -240,7 +240,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
             mean=("mean", "mean"),
             std=("std", "mean"),
             over_seeds=("mean", lambda means: means.std(skipna=False)),
-            seeds=("stale", "size"),
+            seeds=("mean", "size"),
             stale=("stale", lambda reasons: next(filter(None, reasons), "")),
             **{name: (name, "first") for name in ("by_recipe", "steps", "size", "why")},
         )
