@@ -68,7 +68,7 @@ def table_text(
     format: str = "text",
     kind: str | None = None,
     choice: "Choice | None" = None,
-    every_fit: bool = False,
+    whole: bool = False,
 ) -> str:
     """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
@@ -76,7 +76,7 @@ def table_text(
 
     `kind` picks one kind of table in `KINDS`. By default all kinds are given; as text they are then in the shorter
     form for a terminal, unless there is a `choice`. A `choice` selects and renames codecs, materials and columns. With
-    `every_fit`, the table `paper` is followed by one with a row for every fit.
+    `whole`, the table `paper` is followed by one with a row for every fit, and `trade` has every choice.
 
     `csv` has the cells of the tables. `raw` is a CSV with unrounded numbers: one row a job with every number of its
     record, whatever the kind; but for the kind `trade`, one row for each codec, execution and precision that
@@ -103,7 +103,7 @@ def table_text(
     # A page of LaTeX is too narrow for all columns of a main table; a reader who picks columns decides that alone.
     narrow = format == "latex" and not (choice and choice.columns)
     against = choice.against if choice else ""
-    text = _formatted(all_tables(run, narrow, kind, against, every_fit), format, choice)
+    text = _formatted(all_tables(run, narrow, kind, against, whole), format, choice)
     if not text.strip() and kind != "unfinished":  # what was planned, and has no result, is known without the records
         refuse_damaged([runs] if isinstance(runs, str | Path) else runs)
     return text
@@ -166,15 +166,15 @@ def paper_text(
     absent: Mapping[str, str],
     format: str = "text",
     choice: "Choice | None" = None,
-    every_fit: bool = False,
+    whole: bool = False,
 ) -> str:
-    """Only the table of our quality beside that of the NeuBTF paper; with `every_fit`, also a row for every fit.
+    """Only the table of our quality beside that of the NeuBTF paper; with `whole`, also a row for every fit.
 
     `absent` maps a material of that table that no job of the run names to words on where to get it.
     """
     from reports.tables import all_tables
 
-    return _formatted(all_tables(run, kind="paper", every_fit=every_fit, absent=absent), format, choice)
+    return _formatted(all_tables(run, kind="paper", whole=whole, absent=absent), format, choice)
 
 
 def _formatted(tables: Iterable["Table | None"], format: str, choice: "Choice | None" = None) -> str:

@@ -58,9 +58,9 @@ SUITE = "ablation"  # whose jobs `ablation_table` shows
 
 
 def paper_tables(
-    run: Run, materials: Sequence[MaterialRows], absent: Mapping[str, str] | None = None, every_fit: bool = False
+    run: Run, materials: Sequence[MaterialRows], absent: Mapping[str, str] | None = None, whole: bool = False
 ) -> list[Table]:
-    """The paper's Table 1 beside ours and, with `every_fit`, the full table below it; none without anything to show.
+    """The paper's Table 1 beside ours and, with `whole`, the full table below it; none without anything to show.
 
     `absent` says by material where to get it, for materials that no job of the run names.
     """
@@ -73,7 +73,7 @@ def paper_tables(
     numbers = numbers[is_there]
     if numbers.empty and not missing:
         return []
-    tables = [_short_table(numbers, missing), _full_table(numbers, missing) if every_fit else None]
+    tables = [_short_table(numbers, missing), _full_table(numbers, missing) if whole else None]
     return [table for table in tables if table]
 
 

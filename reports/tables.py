@@ -27,19 +27,20 @@ def all_tables(
     narrow: bool = False,
     kind: str | None = None,
     against: str = "",
-    every_fit: bool = False,
+    whole: bool = False,
     absent: Mapping[str, str] | None = None,
 ) -> list[Table]:
     """Every table that has a row, or those of one `kind`, in the order of `KINDS` and then by material.
 
     With `narrow`, a main table is two: quality, and size and time. The summary sets codecs `against` a row, a label; ""
-    is the one that `reports.ranking` picks, and `InputError` is raised for one that the run lacks. For `every_fit` and
-    `absent` see `reports.paper.paper_tables`.
+    is the one that `reports.ranking` picks, and `InputError` is raised for one that the run lacks. With `whole`, the
+    table `paper` has every fit and `trade` every choice. For `absent` see `reports.paper.paper_tables`.
     """
     rows = [] if kind in BY_BUDGET else materials(run)  # which those do not need, and which takes long
     makers = dict(_OF_KIND)
     makers["summary"] = lambda run, rows: [summary_table(run, rows, against=against)]
-    makers["paper"] = lambda run, rows: paper_tables(run, rows, absent, every_fit)
+    makers["paper"] = lambda run, rows: paper_tables(run, rows, absent, whole)
+    makers["trade"] = lambda run, _: [*trade_tables(run, whole), *variant_tables(run, "trade")]
     if narrow:
         makers["main"] = lambda run, rows: [*_by_material("quality")(run, rows), *_by_material("cost")(run, rows)]
     tables: list[Table] = []
@@ -86,7 +87,6 @@ _OF_KIND: dict[str, Maker] = {
     **{kind: _by_material(kind) for kind in BY_MATERIAL},
     "fits": lambda run, _: fit_tables(run),
     "times": lambda run, _: times_tables(run),
-    "trade": lambda run, _: [*trade_tables(run), *variant_tables(run, "trade")],
     "parameters": lambda run, _: [parameters_table([cast(TimedJob, job) for job in run.jobs])],
     "ablation": lambda run, _: [ablation_table(run)],
     "stress": lambda run, _: stress_tables(run),

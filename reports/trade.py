@@ -23,19 +23,22 @@ from reports.text import fields_csv
 from reports.values import Column, Stale, written
 
 
-def trade_tables(run: Run) -> Iterator[Table]:
-    """Choices and profiles of each material, the ceilings last; none if no trade was measured."""
+def trade_tables(run: Run, whole: bool = False) -> Iterator[Table]:
+    """The choices of each material that are on a front; none if no trade was measured. With `whole` all choices, the
+    profiles of each material, and the ceilings last."""
     stale = Stale(run.jobs)
     profiles_of = grouped(run.profiles, itemgetter("material"))
     for material, rows in grouped(run.choices, itemgetter("material")).items():
         rows.sort(key=lambda row: "of" not in row)  # the floor last
-        yield _choices(material, rows, list(answers(material, rows)), stale)
+        yield _choices(material, rows, list(answers(material, rows)), stale, whole)
+        if not whole:
+            continue
         if any("from_float32" in row for row in rows):  # without other executions there is nothing to compare
             yield _stability(material, rows, stale)
         if material in profiles_of:
             yield _profile(material, profiles_of[material])
     floors = [row for row in run.choices if "of" not in row]
-    if floors:
+    if floors and whole:
         yield _ceilings(floors)
 
 
@@ -80,13 +83,18 @@ _ABOVE = (
 )
 
 
-def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale: Stale) -> Table:
-    """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
+def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale: Stale, whole: bool) -> Table:
+    """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured. Unless it is `whole`,
+    those on no front have none.
 
     `sentences` are about the material, such as which choice is the fastest: they are its first notes.
     """
     measured = [row for row in rows if "of" in row and "error" not in row]
     fronts = {"speed": on_front(measured, "ns_per_sample"), "rate": on_front(measured, "bytes")}
+    beaten = [row for row in measured if not any(row["job"] in names for names in fronts.values())]
+    if beaten and not whole:
+        rows = [row for row in rows if row not in beaten]
+        sentences = [*sentences, f"Left out, because others beat them: {len(beaten)} choices. --all shows them, too."]
     values = pd.DataFrame([_values(row, fronts) | {"stale": stale.of([row.get("job", "")])} for row in rows])
     notes = [*sentences, _conditions(rows)]
     notes += [f"{name_of_choice(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed

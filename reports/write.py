@@ -39,7 +39,7 @@ class _ReportFolder:
     def write(self, vector: bool) -> Report:
         """Write everything, and remove what only an earlier report had. With `vector` figures also have the formats
         `VECTOR`."""
-        tables = all_tables(self.run, every_fit=True)
+        tables = all_tables(self.run, whole=True)
         narrow_tables = [table for table in tables if table.kind != "main"]
         narrow_tables += all_tables(self.run, narrow=True, kind="main")
         self.write_tables(tables, narrow_tables)

@@ -22,7 +22,7 @@ def short(made, **more):
 
 def full(made):
     run = load_run(made.folder)
-    _, table = paper_tables(run, materials(run), every_fit=True)
+    _, table = paper_tables(run, materials(run), whole=True)
     return table
 
 
@@ -136,7 +136,7 @@ def test_several_seeds_of_a_label_make_one_row_with_how_much_they_scatter(made):
 
 def test_rows_of_an_older_version_are_marked_in_both_tables(made):
     made.job(PAPER, material="fabric01", fit_key=current_versions("neubtf", "paper") | {"version": 1})
-    grid, every = all_tables(load_run(made.folder), kind="paper", every_fit=True)
+    grid, every = all_tables(load_run(made.folder), kind="paper", whole=True)
     assert [row[0].endswith(" †") for row in grid.rows] == [False, True, True] * 3 + [False]
     assert {row[1] for row in every.rows} == {f"{PAPER} †"}
     assert all(table.notes[-1].startswith("†: stale") for table in (grid, every))

@@ -42,7 +42,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     several(parser, "--material", "only this material; repeatable")
     against = "the row of the summary that the others are set against, by its label (default: of neubtf-direct)"
     parser.add_argument("--against", default="", metavar="LABEL", help=against)
-    parser.add_argument("--all", action="store_true", help="below the table paper, also a row for every fit")
+    parser.add_argument(
+        "--all", action="store_true", help="table paper with every fit below it, table trade with every choice"
+    )
     several(parser, "--column", "only this column, by its header; repeatable")
     renamed = "rename a codec, row, column or material in rows, headers, title and notes; repeatable"
     several(parser, "--name", renamed, "WORD=NAME")
@@ -63,8 +65,8 @@ def run(options: argparse.Namespace) -> int:
     kind = kinds[0] if kinds else None
     if options.against and kind not in (None, "summary"):
         raise InputError(f"--against {options.against}: the table {kind} sets none against it: give table summary")
-    if options.all and kind != "paper":
-        raise InputError("--all: only the table paper has further rows: give table paper")
+    if options.all and kind not in ("paper", "trade"):
+        raise InputError("--all: only the tables paper and trade have further rows: give table paper or table trade")
     if options.material and kind == "parameters":
         raise InputError("--material: not with the table of parameters, which no material changes: leave it out")
     if kind == "parameters":  # it needs no run
@@ -74,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
         print(_paper(folders, options.format, chosen, options.all))
         return FINE
     folders = folders or [_newest_run(kind)]
-    text = table_text(folders, options.format, kind, chosen)
+    text = table_text(folders, options.format, kind, chosen, options.all)
     if not text.strip():
         names = ", ".join(map(str, folders))
         print(f"neubtf-bench: {visible(names)}: no such table: {WHY_EMPTY[kind or 'main']}", file=sys.stderr)
@@ -129,7 +131,7 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
     return parameters_text([*counted, *jobs], format, choice)
 
 
-def _paper(folders: list[Path], format: str, choice: "Choice | None", every_fit: bool) -> str:
+def _paper(folders: list[Path], format: str, choice: "Choice | None", whole: bool) -> str:
     """The table of quality beside the paper's, and for each material that is not measured what is to be done.
 
     Without folders it is of runs/paper and runs/paper-nearest, as far as they are there.
@@ -143,7 +145,7 @@ def _paper(folders: list[Path], format: str, choice: "Choice | None", every_fit:
         absent[spec.name] = there if spec.existing() else f"{spec.path} is not there: {spec.where}"
     if choice:
         run = choice.of_run(run)
-    return paper_text(run, absent, format, choice, every_fit)
+    return paper_text(run, absent, format, choice, whole)
 
 
 def _newest_run(kind: str | None) -> Path:

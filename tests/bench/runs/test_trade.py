@@ -27,6 +27,8 @@ from bench.timing.execution import Variant
 from bench.timing.profile import least_ns
 from reports import table_text
 from reports.figures.fronts import trade_fronts
+from reports.numbers import NONE
+from reports.trade import trade_tables
 
 CODECS = (
     CodecSpec("mean-colour"),
@@ -118,7 +120,7 @@ def test_quality_is_that_of_the_record_and_variants_are_scored_from_the_same_fil
     assert plain["worst"] < plain["psnr"]
     assert 20 < half["from_float32"] < 80  # bfloat16 has three digits
     assert "from_float32" not in plain
-    assert "stability of executions and precisions" in table_text(measured, "text", "trade")
+    assert "stability of executions and precisions" in table_text(measured, "text", "trade", whole=True)
     of_record = record["scores"]["validation"]["metrics"]["psnr_display"]
     assert plain["validation"]["pooled"] == of_record["pooled"]
     assert half["validation"]["slices"] == of_record["slices"]
@@ -192,9 +194,9 @@ def test_a_share_above_the_whole_limit_is_marked_and_explained(copied):
     note = "* A share above 100 %"
     row = by_name(load_run(copied))["mean-colour"]
     append(copied, row | {"limit_ns": 0.5 * row["ns_per_sample"]})
-    assert note not in table_text(copied, kind="trade").partition("floor ")[0]
+    assert note not in table_text(copied, kind="trade", whole=True).partition("floor ")[0]
     append(copied, row | {"limit_ns": 1.25 * row["ns_per_sample"]})
-    text = table_text(copied, kind="trade")
+    text = table_text(copied, kind="trade", whole=True)
     assert re.search(r"^mean-colour .* 125\.0 \*", text, re.M)
     assert note in text
 
@@ -231,7 +233,7 @@ def test_a_file_whose_slices_are_gone_is_a_row_that_says_so_and_loses_only_its_o
     (row,) = measure(alone, fresh).choices  # nothing can be timed, and there is no floor
     assert (row["label"], "ns_per_sample" in row) == ("neubtf-direct steps=20", False)
     measure(replace(SUITE, variants=("eager bfloat16",)), fresh)
-    text = table_text(fresh, kind="trade")
+    text = table_text(fresh, kind="trade", whole=True)
     (line,) = re.findall(r"^neubtf-direct steps=20 +\S+ +\S+ +(\S+) +\S+\n\[eager bfloat16\]", text, re.M)
     assert line == "—"  # gained on what is not known
 
@@ -253,7 +255,7 @@ def test_what_another_program_decodes_is_scored_and_not_timed(measured, fresh, q
     assert rows["mean-colour"]["error"] == "its time cannot be measured"
     assert rows["mean-colour"]["psnr"] == by_name(load_run(measured))["mean-colour"]["psnr"]
     assert profiled == [["tiny/pca components=2/0"]]
-    text = table_text(fresh, kind="trade")
+    text = table_text(fresh, kind="trade", whole=True)
     (line,) = (line for line in text.splitlines() if line.startswith("mean-colour "))
     assert line.split()[1] == f"{rows['mean-colour']['psnr']:.2f}"
     assert line.split()[-5:] == ["—"] * 5
@@ -350,9 +352,9 @@ def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(fresh, 
     assert list(found) == ["neubtf-direct steps=20", timing.FLOOR]
     assert {ceiling["dtype"] for ceiling in found[timing.FLOOR]["ceilings"]} == {"float32"}
     note = "only emulates their precision: eager bfloat16. `neubtf-bench trade --emulated` measures them"
-    assert note in " ".join(table_text(fresh, kind="trade").split())
+    assert note in " ".join(table_text(fresh, kind="trade", whole=True).split())
     assert "neubtf-direct steps=20 [eager bfloat16, emulated]" in by_name(measure(suite, fresh, emulated=True))
-    text = table_text(fresh, kind="trade")
+    text = table_text(fresh, kind="trade", whole=True)
     assert re.search(r"^\[eager bfloat16, *\nemulated\]", text, re.M)  # a cell of the table, folded
     assert "only emulates" not in text
 
@@ -384,8 +386,8 @@ def test_noise_is_of_each_file_and_stands_in_columns_of_its_own(measured, path_t
     assert rows["mean-colour"]["noise_error"] == "cannot be recorded"
     bare = ("neubtf-direct steps=20 [eager bfloat16]", timing.FLOOR)  # the same file, and none
     assert not any("noise" in rows[name] or "noise_error" in rows[name] for name in bare)
-    assert "noise" not in table_text(measured, kind="trade")
-    text = table_text(path_traced, kind="trade")
+    assert "noise" not in table_text(measured, kind="trade", whole=True)
+    text = table_text(path_traced, kind="trade", whole=True)
     (line,) = (line for line in text.splitlines() if line.startswith("pca components=2 "))
     assert line.split()[-4:] == ["40,000", "9,876", "3.00", "1.50"]
     (line,) = (line for line in text.splitlines() if line.startswith("mean-colour "))
@@ -404,14 +406,14 @@ def test_noise_without_mitsuba_is_refused_before_any_work(tmp_path, monkeypatch,
 def test_no_choice_sentence_or_profile_is_of_a_file_that_was_fitted_again(copied):
     found = load_run(copied)
     best = max(usable_rungs(found.choices, "tiny"), key=lambda rung: rung.score).of
-    assert f"tiny: the best is {best['label']}" in " ".join(table_text(copied, kind="trade").split())
+    assert f"tiny: the best is {best['label']}" in " ".join(table_text(copied, kind="trade", whole=True).split())
     job = found.job(best["of"])
     append(copied, job | {"score_key": job["score_key"] | {"sha256": "another"}})
     left = load_run(copied)
     assert left.choices == [row for row in found.choices if row["label"] != best["label"]]
     assert left.profiles == [row for row in found.profiles if row["label"] != best["label"]]
     assert left.profiles
-    text = " ".join(table_text(copied, kind="trade").partition("time by part")[0].split())
+    text = " ".join(table_text(copied, kind="trade", whole=True).partition("time by part")[0].split())
     assert "tiny: the best is " in text
     assert best["label"] not in text
 
@@ -504,3 +506,14 @@ def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(meas
     assert choosing(monkeypatch, measured, small, min_psnr=1.0) == 0
     # Without `repair`: the material is rendered, and `encode` refuses a setting that has no effect.
     assert " --set data.size=12 --set data.validation=true -o tiny.nbtf" in capsys.readouterr().out
+
+
+def test_the_table_has_the_choices_that_none_beats_and_all_has_the_others_too(measured):
+    run = load_run(measured)
+    (short,) = trade_tables(run)
+    every, *others = trade_tables(run, whole=True)
+    on_front = every.values["on the front"] != NONE
+    assert 0 < on_front.sum() < len(on_front)
+    missing = every.values["total"].isna()  # the floor
+    assert list(short.values["choice"]) == list(every.values["choice"][on_front | missing])
+    assert others
