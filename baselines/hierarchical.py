@@ -259,8 +259,10 @@ class HierarchicalObjective(NeuMIPObjective):
         if coarse:
             level = int(torch.randint(1, len(self.levels), (), generator=generator))
             patches.append(self._patches(level, coarse, generator))
-        *queries, target = (torch.cat(of_levels) for of_levels in zip(*patches, strict=True))
-        ours = self.networks.pictures(self.pyramid, self.textures(progress), tuple(queries), patch)  # gain · radiance
+        uv, wo, wi, levels, targets = zip(*patches, strict=True)  # of each the tensors of all levels
+        queries = torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(levels)
+        target = torch.cat(targets)
+        ours = self.networks.pictures(self.pyramid, self.textures(progress), queries, patch)  # gain · radiance
         if settings.loss == "root":  # gain · radiance over LOG_SCALE is radiance × exposure
             ours = (ours / LOG_SCALE).clamp_min(DARKEST) ** 0.25
             target = (target.expm1() / LOG_SCALE).clamp_min(DARKEST) ** 0.25

@@ -94,13 +94,14 @@ class NTC(Codec):
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts, on a device. `InputError` if a grid has too few or too many bytes."""
+        """The material of a file's parts, on a device. `InputError` if a grid has too few or too many bytes, or
+        there are no texels."""
         settings = self.settings
-        bits = self.settings.bits
+        bits = settings.bits
         network = load_network(Decoder(settings.architecture), parts.decoder)
         size = tuple(parts.other["size"].tolist())
         grids = []
-        for name, (rows, cols) in zip(GRIDS, sizes(size, settings.reduction), strict=True):
+        for name, (rows, cols) in zip(GRIDS, grid_sizes(size, settings.reduction), strict=True):
             packed = parts.texture[name]
             features = getattr(settings, name)  # a setting is named as its grid
             count = rows * cols * features
@@ -112,17 +113,17 @@ class NTC(Codec):
         return NTCMaterial(network, size, grids, float(parts.other["gain"]), settings).to(device)
 
 
-def sizes(size: tuple[int, ...], reduction: int) -> tuple[tuple[int, int], tuple[int, int]]:
+def grid_sizes(size: tuple[int, ...], reduction: int) -> tuple[tuple[int, int], tuple[int, int]]:
     """The sizes (rows, columns) of the finer and of the coarser grid of a picture of `size` (H, W).
 
     A point of the finer grid stands for `reduction` texels a side, one of the coarser for twice as many.
     """
 
-    def grid_size(texels_of_point: int) -> tuple[int, int]:
+    def size_for(texels_of_point: int) -> tuple[int, int]:
         """The size of a grid with `texels_of_point` texels a side for each point, rounded up to cover the picture."""
         return math.ceil(size[0] / texels_of_point), math.ceil(size[1] / texels_of_point)
 
-    return grid_size(reduction), grid_size(2 * reduction)
+    return size_for(reduction), size_for(2 * reduction)
 
 
 def codes_of(values: Tensor, bits: int) -> Tensor:
@@ -184,7 +185,7 @@ class Reader(nn.Module):
     def __init__(self, size: tuple[int, ...], reduction: int):
         """Find the grid points and the encoding of each texel of a picture of `size` (H, W), once for all steps."""
         super().__init__()
-        fine_grid, coarse_grid = sizes(size, reduction)
+        fine_grid, coarse_grid = grid_sizes(size, reduction)
         fine, _ = corners_of_texels(fine_grid, size)  # all four points enter the network, so they need no weights
         coarse, weight = corners_of_texels(coarse_grid, size)
         self.fine = nn.Buffer(fine, persistent=False)  # (H · W, 4)
@@ -212,7 +213,7 @@ class NTCObjective(DirectedObjective):
         latents = first_latents(samples, sum(channels), settings.start, generator)
         first = latents.T.unflatten(1, samples.shape)  # (F + C, H, W)
         self.unrounded_grids = nn.ParameterList()
-        for picture, size in zip(first.split(channels), sizes(samples.shape, settings.reduction), strict=True):
+        for picture, size in zip(first.split(channels), grid_sizes(samples.shape, settings.reduction), strict=True):
             grid = functional.adaptive_avg_pool2d(picture, size).flatten(1).T  # (points, features)
             self.unrounded_grids.append(nn.Parameter(grid.clamp(-1, 1).contiguous()))
 

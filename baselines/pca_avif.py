@@ -26,7 +26,7 @@ from bench.training.quantise import pack
 
 MOST_SIDE = 65_535  # pixels of a side of an AVIF picture
 MOST_CODE = 255
-TINY = 1e-12  # share of the largest component below which one counts as that
+TINY = 1e-12  # least importance of a component, as a share of the largest; and the least spread, so that no step is 0
 
 
 class PCAAvif(PCA):
@@ -47,7 +47,10 @@ class PCAAvif(PCA):
         quality: Annotated[int, Range(1, 100)] = 80  # of the picture, as its encoder counts it
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """The parts of `pca`, with the coefficients (H, W, k) as the bytes of a picture (k · H, W)."""
+        """The parts of `pca`, with the coefficients (H, W, k) as the bytes of a picture (k · H, W).
+
+        `InputError` if the picture would be too large.
+        """
         fitted = super().encode(btf, fit)
         parts = Parts(decoder=_on_cpu(fitted.decoder), texture=_on_cpu(fitted.texture), other=_on_cpu(fitted.other))
         values = load_texture("coefficients", parts.texture)  # (H, W, k)
@@ -61,8 +64,8 @@ class PCAAvif(PCA):
             )
         low = values.amin((0, 1))
         importance = self._importance(parts)
-        spread = (values.amax((0, 1)) - low) * importance
-        # From a code to the next, each component changes answers by as much.
+        spread = (values.amax((0, 1)) - low) * importance  # how much each component changes answers over the texels
+        # One code more changes answers equally in each component, and all codes together cover the widest spread.
         step = spread.max().clamp_min(TINY) / MOST_CODE / importance
         codes = ((values - low) / step).round().clamp(0, MOST_CODE).to(torch.uint8)
         picture = codes.permute(2, 0, 1).flatten(0, 1).numpy()  # (k · H, W)

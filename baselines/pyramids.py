@@ -45,10 +45,10 @@ def drawn(
         level = int(torch.randint(1, len(levels), (), generator=generator))
         batches.append(levels[level].draw(coarse, generator))
         queries.append(queries_of(levels, level, batches[1]))
-    uv, wo, wi, level_of_detail = (torch.cat(parts) for parts in zip(*queries, strict=True))
+    uv, wo, wi, level_of_detail = zip(*queries, strict=True)  # of each the tensors of all batches
     target = torch.cat([batch.target for batch in batches])
     pair = torch.cat([batch.pair for batch in batches])
-    return (uv, wo, wi, level_of_detail), target, pair
+    return (torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(level_of_detail)), target, pair
 
 
 def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:

@@ -7,7 +7,7 @@ encoder is periodic, too.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,14 +17,12 @@ from bench.data.materials.maps import make_periodic, resize
 from bench.data.readers.files import FolderFiles, file_digest
 from bench.data.readers.pictures import colour_note, picture_size, read_picture
 from bench.inputs.errors import InputError
-from bench.metrics.display import LOG_SCALE, LUMA, decode_srgb, to_display
+from bench.metrics.display import LUMA, decode_srgb, to_display
 from neubtf.autoencoder import STRIDE
-from neubtf.renderer import NeuBTFMaterial
 
 Array = np.ndarray
 LARGEST = 1 << 24  # texels of a texture: 14 channels of them are 940 MB while it is made
 MATCH, RADIANCE = "match", "radiance"
-FRONTAL = np.array([[[0.0, 0, 1], [0, 0, 1]]])  # only the pair along the normal
 
 
 @dataclass(frozen=True)
@@ -146,48 +144,3 @@ def _overlap(side: int, margin: float) -> int:
     if least > 0 and 2 * fitting <= side:  # an overlap is at most half of the side
         return fitting
     return least
-
-
-class Seam(NamedTuple):
-    """The mean gradient across a border, over the mean and over the largest of those inside."""
-
-    of_mean: float
-    of_largest: float
-
-
-def seam_of(material: NeuBTFMaterial, pairs: Array) -> tuple[Seam, Seam]:
-    """The seam at the left–right, and at the top–bottom border of a material, in displayed slices.
-
-    `pairs` (n, 2, 3) are wo and wi; gradients are means over their slices. The border is compared with steps between
-    two of the autoencoder's cells, larger than those within a cell; the ratios are infinite if there is no such step.
-    """
-    exposure = material.gain / LOG_SCALE
-    slices = []
-    for wo, wi in pairs:
-        radiance = material.slice(wo.tolist(), wi.tolist()).numpy()
-        slices.append(to_display(radiance, exposure))
-    left_right = np.mean([_steps(picture, axis=1) for picture in slices], 0)
-    top_bottom = np.mean([_steps(picture, axis=0) for picture in slices], 0)
-    return _seam(left_right), _seam(top_bottom)
-
-
-def _steps(picture: Array, axis: int) -> Array:
-    """The mean |difference| of each row of a picture (H, W, 3) from the next, (H,), the last from the first.
-
-    Those are the rows for axis 0; for axis 1 they are the columns, (W,).
-    """
-    rows = np.moveaxis(picture, axis, 0)
-    return np.abs(np.diff(rows, axis=0, append=rows[:1])).mean((1, 2))
-
-
-def _seam(steps: Array) -> Seam:
-    """The seam of differences (n,) of rows or columns from the next, the last of which crosses the border.
-
-    The autoencoder has one cell for `STRIDE` texels, so differences are larger from one cell to the next than inside
-    one. A border lies between two cells, and is compared with others that do.
-    """
-    across_border = steps[-1]
-    between_cells = steps[STRIDE - 1 : -1 : STRIDE]  # from the last texel of a cell to the first of the next
-    if not between_cells.any():
-        return Seam(np.inf, np.inf)
-    return Seam(float(across_border / between_cells.mean()), float(across_border / between_cells.max()))

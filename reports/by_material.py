@@ -345,7 +345,7 @@ def _scene_notes(material: MaterialRows) -> list[str]:
     if not scene:
         return []
     count, height, width = scene["frames"]  # the number of frames, and their sides in pixels
-    pictures = f"picture{'s' * (count != 1)}"
+    pictures = f"picture{'s' if count != 1 else ''}"
     return [
         *map(Apart, scene_gains(material)),
         "Held out in the scene: PSNR of held-out pairs between pairs that the scene uses, weighted by its demand. No "

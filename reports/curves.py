@@ -147,7 +147,7 @@ def _footprints(rungs: Rungs) -> _Parts:
 def _where(rungs: Rungs) -> str:
     """The size and the number of surfaces, in words."""
     count = len(rungs.surfaces)
-    return f"at {ENOUGH.most} bits a texel on {count} surface{'s' * (count > 1)}"
+    return f"at {ENOUGH.most} bits a texel on {count} surface{'s' if count > 1 else ''}"
 
 
 def _in_memory(rungs: Rungs) -> _Parts:

@@ -275,7 +275,7 @@ def _what_was_measured(measured: Sequence[MaterialRows]) -> str:
     jobs = [row.job for material in measured for row in material.shown]
     codecs = {str(job.get("codec")) for job in jobs}
     settings = {str(job.get("label")) for job in jobs}
-    codecs_in_words = f"{len(codecs)} codec{'s' * (len(codecs) > 1)}"
+    codecs_in_words = f"{len(codecs)} codec{'s' if len(codecs) > 1 else ''}"
     if len(settings) > len(codecs):
         codecs_in_words += f" at {len(settings)} settings"
     names = [material.name for material in measured]

@@ -66,15 +66,18 @@ def paper_tables(
     """
     numbers = _numbers(run, materials)
     available = set(numbers["material"][numbers["status"] != "unavailable"])
-    is_there = numbers["material"].isin(available)
+    is_available = numbers["material"].isin(available)  # of each row
     missing = {name: where for name, where in (absent or {}).items() if name not in available}
-    for job in numbers[~is_there].to_dict("records"):
-        missing[job["material"]] = job["why"]
-    numbers = numbers[is_there]
+    for row in numbers[~is_available].to_dict("records"):
+        missing[row["material"]] = row["why"]
+    numbers = numbers[is_available]
     if numbers.empty and not missing:
         return []
-    tables = [_short_table(numbers, missing), _full_table(numbers, missing) if whole else None]
-    return [table for table in tables if table]
+    tables = [_short_table(numbers, missing)]
+    full_table = _full_table(numbers, missing) if whole else None
+    if full_table:
+        tables.append(full_table)
+    return tables
 
 
 def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
@@ -139,7 +142,8 @@ def _fit_in_words(fit: Mapping[Any, Any]) -> str:
     settings = settings_in(fit["label"])
     if fit["steps"] and not any(word.startswith("steps=") for word in settings):  # no label has a default
         settings.append(f"steps={fit['steps']}")
-    words = [f"{fit['material']} {fit['size']}".strip(), *settings, f"{fit['seeds']} seed{'s' * (fit['seeds'] > 1)}"]
+    seeds = f"{fit['seeds']} seed{'s' if fit['seeds'] > 1 else ''}"
+    words = [f"{fit['material']} {fit['size']}".strip(), *settings, seeds]
     if not isnan(fit["over_seeds"]):
         words.append(f"± {fixed(fit['over_seeds'], 2)} dB")
     return ", ".join(words)

@@ -25,12 +25,14 @@ def stress_tables(run: Run) -> list[Table]:
 
 
 def _tried(run: Run) -> list[Stress]:
-    """A run's own stress records. Without any, those of the stress test in the folder beside the run, of which only
-    codecs of the run in the same version are chosen: others are not the code that the run measured."""
+    """A run's own stress records or, if it has none, some of the stress test in the folder beside the run.
+
+    Those are the records of the codecs that the run measured, in the same version: others are of other code.
+    """
     if len(run.stress):
         return list(run.stress)
     folder = run.folder.parent / STRESS
-    is_this_run = folder.resolve() == run.folder.resolve()  # which has no such records, as said above
+    is_this_run = folder.resolve() == run.folder.resolve()  # which has no records, see above
     if is_this_run or not (folder / FILE).is_file():
         return []
     codec_versions = set()  # the name and the version of each codec that the run measured

@@ -111,7 +111,7 @@ def summary_table(
     if missing:
         notes.append(Apart(missing))
     materials_in_words = ", ".join(material.name for material in measured)
-    title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {materials_in_words}"
+    title = f"Summary over {len(measured)} material{'s' if len(measured) > 1 else ''}: {materials_in_words}"
     return written("summary", title, pd.DataFrame(rows, dtype=object), columns, notes)
 
 

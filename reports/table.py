@@ -112,23 +112,26 @@ class Table:
     def with_short_labels(self) -> "Table":
         """The table without the settings that every label of its column "codec" has; a note says them once.
 
-        Only of a table with several labels: the settings of a single one are its name.
+        A table with a single label stays as it is: all its settings would be left out.
         """
         names = [name for name, _ in self.headers[: self.words]]
         if "codec" not in names:
             return self
         column = names.index("codec")
-        words_of_label = {row[column]: row[column].split() for row in self.rows}
-        if len(words_of_label) < 2:
+        labels = list(dict.fromkeys(row[column] for row in self.rows))
+        if len(labels) < 2:
             return self
-        first, *others = words_of_label.values()
-        common = [word for word in first if "=" in word and all(word in words for words in others)]
+        common = [word for word in labels[0].split() if "=" in word]  # settings of the first label, as "bits=8"
+        for label in labels[1:]:
+            common = [word for word in common if word in label.split()]
         if not common:
             return self
         short = {}
-        for label, words in words_of_label.items():
-            short[label] = " ".join(word for word in words if word not in common)
-        rows = [[*row[:column], short[row[column]], *row[column + 1 :]] for row in self.rows]
+        for label in labels:
+            short[label] = " ".join(word for word in label.split() if word not in common)
+        rows = [list(row) for row in self.rows]
+        for row in rows:
+            row[column] = short[row[column]]
         longest_first = sorted(short, key=len, reverse=True)  # a label may begin with another one
         notes = []
         for note in self.notes:

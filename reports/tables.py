@@ -61,7 +61,7 @@ def unfinished_table(run: Run, materials: Iterable[MaterialRows]) -> Table | Non
                 why = " ".join(str(row.job.get("error", "")).split())  # on one line
                 rows.append([row.job["material"], row.name, status_in_words, why])
     for material, label, seeds in not_run(run):
-        seeds_in_words = f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"
+        seeds_in_words = f"seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}"
         rows.append([material, label, "not run", seeds_in_words])
     if not rows:
         return None

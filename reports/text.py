@@ -181,7 +181,7 @@ def results_csv(run: Run) -> str:
     """One row a job, nothing rounded; a column is the path of a record's field: `scores/heldout/…/pooled`.
 
     There are also `metric_version/NAME` and `timing/…`; `not_comparable` says why a row must not be compared. An empty
-    field has no finite value or was not measured: `…/exact` counts slices without error.
+    field was not measured or is not finite, as the PSNR of slices without error, which `…/exact` counts.
     """
     jobs = []
     for material in materials(run):

@@ -41,9 +41,10 @@ from bench.records import SSIM
 from bench.runs.suite import load_suite
 from neubtf import latents, propagation
 from neubtf.codec import NeuBTF
-from neubtf.guidance import RADIANCE, Treatment, guidance_of, seam_of
+from neubtf.guidance import RADIANCE, Treatment, guidance_of
 from neubtf.propagation import FittedMaterial
 from neubtf.renderer import NeuBTFMaterial
+from neubtf.seam import seam_of
 
 Array = np.ndarray
 SIZE = 256

@@ -199,7 +199,9 @@ def _material_lines(material: dict[str, Any]) -> list[str]:
     rows = [(layer["name"], layer["kind"], f"{layer['parameters']:,}") for layer in material["layers"]]
     if rows:
         lines.append("layers of the decoder and their trainable parameters, counted by torchinfo:")
-        name_width, kind_width, count_width = (max(map(len, column)) for column in zip(*rows, strict=True))
+        name_width = max(len(name) for name, _, _ in rows)
+        kind_width = max(len(kind) for _, kind, _ in rows)
+        count_width = max(len(count) for _, _, count in rows)
         for name, kind, count in rows:
             lines.append(f"  {name:<{name_width}}  {kind:<{kind_width}}  {count:>{count_width}}")
     network = material.get("network")

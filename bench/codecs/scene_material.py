@@ -59,14 +59,14 @@ class SceneMaterial(Wrapped):
         # Without boxes of texels the file is as fine as the texture, so no footprint is too small for it.
         if self.window.factor > 1:
             inside &= footprint >= self.finest
-        count = len(uv) - int(inside.count_nonzero())
+        outside = len(uv) - int(inside.count_nonzero())
         self.queried += len(uv)
-        self.outside += count
-        if count and self.reports:
+        self.outside += outside
+        if outside and self.reports:
             self.reports = False
-            outside = f"{count} of {len(uv)} queries lie far outside the scene that it was fitted to"
+            fault = f"{outside} of {len(uv)} queries lie far outside the scene that it was fitted to"
             remedy = "take the full model, or fit it to the demand of this scene"
-            log.warning("%s: %s, and more may follow: %s", self.name, outside, remedy)
+            log.warning("%s: %s, and more may follow: %s", self.name, fault, remedy)
 
 
 def without_warnings(material: Material) -> Material:

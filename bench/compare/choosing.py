@@ -29,6 +29,7 @@ from bench.records import (
 
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 UNCOMPRESSED = "table"  # the codec whose file is the BTF itself: a bound for others, and no choice
+DOUBLE_DB = 10.0  # a score that misses its limit by so many dB counts as a cost of twice its limit
 TIE_DB = 0.02  # what rounding changes between executions of one file, and more: nobody sees it
 
 
@@ -53,24 +54,31 @@ class Limits:
     gpu: float | None = None
 
     def misses(self, rung: Rung) -> dict[str, float]:
-        """By how much a rung misses each limit, by its field: a share of the limit (for a score: dB / 10); ≤ 0 if it
-        meets it."""
+        """By field of a limit, how much a rung misses it; at most 0 if it meets it.
+
+        A cost misses by a share of its limit, see `_excess`, and a score by its distance in units of `DOUBLE_DB`.
+        """
         misses = {}
         if self.size is not None:
-            misses["size"] = rung.size / self.size - 1
-        if self.time is not None:  # a rung whose time was not measured misses it by infinity
-            misses["time"] = _time(rung) / self.time - 1
+            misses["size"] = _excess(rung.size, self.size)
+        if self.time is not None:
+            misses["time"] = _excess(rung.time, self.time)
         if self.gpu is not None:
-            misses["gpu"] = math.inf  # of a rung whose bytes were not counted
-            if rung.gpu is not None:
-                misses["gpu"] = rung.gpu / self.gpu - 1
+            misses["gpu"] = _excess(rung.gpu, self.gpu)
         if self.score is not None:
-            misses["score"] = (self.score - rung.score) / 10
+            misses["score"] = (self.score - rung.score) / DOUBLE_DB
         return misses
 
     def missed(self, rung: Rung) -> list[str]:
         """The fields of the limits that a rung does not meet."""
         return [field for field, miss in self.misses(rung).items() if miss > 0]
+
+
+def _excess(cost: float | None, limit: float) -> float:
+    """How much a cost is above its limit, as a share of the limit; infinite if it was not measured."""
+    if cost is None:
+        return math.inf
+    return cost / limit - 1
 
 
 def best_rung(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | None:

@@ -205,10 +205,7 @@ def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference
     values = _finite(_scatter_values(quantity, base, new, reference))
     if tolerance is None or len(values) < 2:
         return True
-    unit = 1.0
-    if tolerance.relative:  # a share of the mean
-        unit = abs(fmean(values))
-    return max(values) - min(values) <= AGREE * unit * tolerance.certain
+    return max(values) - min(values) <= AGREE * _unit(tolerance, values) * tolerance.certain
 
 
 def _paired_scatter(differences: Values) -> Chance | None:
@@ -243,16 +240,20 @@ def _finite(values: Values) -> list[float]:
     return [value for value in values if value is not None and math.isfinite(value)]
 
 
+def _unit(tolerance: Tolerance, finite: list[float]) -> float:
+    """What a tolerance is counted in: if it is relative, the mean of these numbers, unless there are none; else 1."""
+    if tolerance.relative and finite:
+        return abs(fmean(finite))
+    return 1.0
+
+
 def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
     """The margin that a change must exceed to count; see the module.
 
     `known` are the numbers that measure the scatter, one a seed; `chance` is that scatter, None where seeds agree, so
     that the codec counts as deterministic.
     """
-    finite = _finite(known)
-    unit = 1.0
-    if tolerance.relative and finite:  # a relative tolerance is a share of the mean
-        unit = abs(fmean(finite))
+    unit = _unit(tolerance, _finite(known))
     if len(known) < 2:  # one seed, so the scatter is unknown
         return unit * tolerance.one_seed
     if chance is None:

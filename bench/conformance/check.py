@@ -390,7 +390,7 @@ def framed(tested: CodecUnderTest) -> str | None:
     undecided = answers.undecided()  # other arrangements, with which the answers are about the same
     if not undecided:
         return None
-    count = f"{len(undecided)} mistake{'s' * (len(undecided) > 1)}"
+    count = f"{len(undecided)} mistake{'s' if len(undecided) > 1 else ''}"
     return f"{count} cannot be told from its answers, which would be the same {'; '.join(undecided)}"
 
 

@@ -17,14 +17,14 @@ from bench.inputs.errors import InputError, writable
 
 
 def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample: int = 1, thin: int = 0) -> BTF:
-    """The BTF, lazily, thinned to about `thin` pairs evenly in angle (0: all), cropped to (row, col, height, width),
-    and then averaged over boxes of downsample² texels in linear light.
+    """The BTF without pairs of low light, lazily: thinned to about `thin` pairs evenly in angle (0: all), cropped to
+    (row, col, height, width), and then averaged over boxes of downsample² texels in linear light.
 
-    Raises `InputError`, in the words of the options of `convert`, for a window or factor that does not fit.
+    Raises `InputError`, in the words of the options of `convert`, for a number, window or factor that does not fit.
     """
     if thin < 0 or downsample < 1:
         raise InputError(f"--thin must be at least 0 and --downsample at least 1, not {thin}, {downsample}")
-    btf = thinned(btf.without_low_light(), thin)
+    btf = thinned(btf.without_low_light(), thin)  # pairs that `write_btf` leaves out do not count
     if crop:
         H, W = btf.shape
         row, col, height, width = crop

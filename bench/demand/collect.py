@@ -195,7 +195,8 @@ def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Gene
     If the cells are its pixels, the point is the middle of each, else a random one: a regular grid would hit the same
     texels of a regular texture again and again.
     """
-    place_in_cell = 0.5 if size == picture else rng.random((2, *size))  # down and across, in cells
-    pixels_a_cell = np.array(picture) / np.array(size)
-    row, col = (np.mgrid[: size[0], : size[1]] + place_in_cell) * pixels_a_cell[:, None, None]  # (H, W) each
-    return col.ravel(), row.ravel()
+    row, col = np.mgrid[: size[0], : size[1]]  # (H, W) each, in cells
+    down, across = (0.5, 0.5) if size == picture else rng.random((2, *size))  # from the corner of each cell
+    rows_a_cell = picture[0] / size[0]
+    cols_a_cell = picture[1] / size[1]
+    return ((col + across) * cols_a_cell).ravel(), ((row + down) * rows_a_cell).ravel()

@@ -49,7 +49,7 @@ class Summary:
 
         texels = f"{max(1, round(1 / self.finest)):,} texels along its longer side"
         lines = [
-            f"{self.queries:,} queries of {count} frame{'s' * (count > 1)} of {width} × {height}",
+            f"{self.queries:,} queries of {count} frame{'s' if count > 1 else ''} of {width} × {height}",
             f"percentiles {low} · {middle} · {high}, weighted by what a white diffuser would send to the camera:",
             f"  view from the normal:   {in_words(self.theta_o_deg, '°')}",
             f"  light from the normal:  {in_words(self.theta_i_deg, '°')}",

@@ -157,7 +157,7 @@ def timed_on(timing: Timing, processor: str = "") -> str:
     if timing.get("gpu"):
         return timing["gpu"]
     threads = timing.get("threads", 1)
-    return f"{processor or timing.get('device')}, {threads} thread{'s' * (threads != 1)}"
+    return f"{processor or timing.get('device')}, {threads} thread{'s' if threads != 1 else ''}"
 
 
 def conditions_in_words(timing: Timing, processor: str = "", variant: str = "") -> str:

@@ -270,7 +270,7 @@ def _announcement(suite: Suite, run: Run, device: str) -> str:
         job = run.job(name)
         if job is not None and job["status"] == "ok":
             done.append(name)
-    files = f"{len(done)} file{'s' * (len(done) != 1)}"
+    files = f"{len(done)} file{'s' if len(done) != 1 else ''}"
     return f"{files} to score and time, {_timing_in_words(suite, run, device, done)}"
 
 

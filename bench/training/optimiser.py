@@ -54,19 +54,20 @@ class Muon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self) -> None:  # type: ignore[override]  # no closure, because a fit computes its loss once a step
-        """Move each matrix by its gradient, at its group's rate `lr`; one without a gradient stays."""
+        """Move each matrix by its orthogonalised momentum, at its group's rate `lr`; one without a gradient stays."""
         for group in self.param_groups:
             for p in group["params"]:
                 if p.grad is None:
                     continue
                 momentum = self.state[p]["momentum"].lerp_(p.grad, 1 - MOMENTUM)  # a running mean of gradients
-                update = orthogonal(p.grad.lerp(momentum, MOMENTUM))  # a step ahead of it, after Nesterov
+                # Nesterov's momentum: the mean as it would be if the next gradient were this one again.
+                update = orthogonal(p.grad.lerp(momentum, MOMENTUM))
                 rows, columns = p.shape
-                rate = group["lr"] * max(1.0, rows / columns) ** 0.5
-                if isinstance(rate, Tensor):
-                    p.sub_(update * rate)
+                distance = group["lr"] * max(1.0, rows / columns) ** 0.5
+                if isinstance(distance, Tensor):  # the rate of a recorded step, see `Optimisers`
+                    p.sub_(update * distance)
                 else:
-                    p.sub_(update, alpha=rate)
+                    p.sub_(update, alpha=distance)
 
 
 def groups_of(

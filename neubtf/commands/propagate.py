@@ -13,9 +13,10 @@ from pathlib import Path
 from bench.codec import Terminal
 from bench.codecs.loading import load
 from bench.inputs.errors import FINE, InputError
-from neubtf.guidance import FRONTAL, Treatment, seam_of
+from neubtf.guidance import Treatment
 from neubtf.propagation import propagate
 from neubtf.renderer import NeuBTFMaterial
+from neubtf.seam import FRONTAL, seam_of
 
 MARGIN = 1 / 6  # of a side: about what the built-in photographs lose
 

@@ -163,14 +163,13 @@ def _key(job: Job) -> tuple[str, ...]:
 def joined(parts: Sequence[tuple[str, Publication, str]]) -> Run:
     """One run of materials from several sources.
 
-    A part is a material: its name in the joined run, its source, and its name in the source. Jobs get new names too,
-    so that those of two sources stay apart.
+    A part is a material: its name in the joined run, its source, and its name in the source. Jobs and their timings get
+    new names too, so that those of two sources stay apart.
     """
-    run = Run(Path())
+    run = Run(Path())  # its files lie in no one folder
     for name, source, name_in_source in parts:
         for job in source.run.jobs:
             if job["material"] == name_in_source:
-                # The record and, if it was timed, its timing.
                 new_job_name = f"{name}/{job['job']}"
                 run.jobs.put(new_job_name, job | {"job": new_job_name, "material": name})
                 timing = source.run.timing(job)

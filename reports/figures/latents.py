@@ -107,12 +107,12 @@ def textures(program: Program) -> Textures:
     return textures_found
 
 
-def _standardised(texture: np.ndarray) -> np.ndarray:
+def _grey_levels(texture: np.ndarray) -> np.ndarray:
     """A texture (H, W, D) as grey levels, uint8, as the NeuBTF paper shows it: each channel at mean 0 and variance 1,
     through a sigmoid."""
     flat = texture.reshape(-1, texture.shape[-1]).astype(np.float64)
     deviation = flat.std(0)
-    deviation[deviation <= 1e-6 * abs(flat).max(0)] = np.inf  # a constant channel is grey
+    deviation[deviation <= 1e-6 * abs(flat).max(0)] = np.inf  # a channel that is constant, but for rounding, is grey
     standardised = (flat - flat.mean(0)) / deviation
     grey = 255 / (1 + np.exp(-standardised))
     return np.round(grey).astype(np.uint8).reshape(texture.shape)
@@ -123,7 +123,7 @@ def _cells(texture: np.ndarray) -> np.ndarray:
 
     A large texture is averaged over squares of texels, without a rest at its edges, and a small one is enlarged.
     """
-    grey = _standardised(texture[..., :_MOST])
+    grey = _grey_levels(texture[..., :_MOST])
     height, width, count = grey.shape
     factor = max(height, width) // _CELL
     if factor > 1:

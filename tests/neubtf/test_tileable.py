@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from bench.training.decoder import Decoder
-from neubtf.guidance import FRONTAL, Seam, seam_of
 from neubtf.renderer import NeuBTFMaterial, RendererSettings
+from neubtf.seam import FRONTAL, Seam, seam_of
 
 ONE = RendererSettings(latents=1, layers=1, width=1)
 

@@ -87,6 +87,8 @@ def run(options: argparse.Namespace) -> int:
     wishes = Limits(size=most_bytes, time=options.max_ns, score=options.min_psnr, gpu=most_gpu_bytes)
     if wishes == Limits():
         raise InputError("choose: no wish is given: give --min-psnr, --max-bytes, --max-gpu-bytes or --max-ns")
+    if options.max_ns is not None and not options.max_ns > 0:
+        raise InputError(f"--max-ns {options.max_ns:g}: give a number above 0")
     if options.copy:
         container.refuse_other_file(options.copy)
     write_json = json_writer(options.json)

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from bench.conformance.check import CheckError
 from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, applicable, require
-from bench.conformance.stress.data import SAME_DB, firefly, ordinary
+from bench.conformance.stress.data import SAME_RATIO, firefly, ordinary
 from bench.conformance.stress.queries import Queries, grazing, query_in_words, spread
 from bench.material import HALF_MAX, Material
 from bench.metrics.display import display_error, exposure_of
@@ -227,7 +227,7 @@ def trained_with_firefly(subject: Subject) -> Measured:
     after = display_error(encoded.decoded[:, others], truth, exposure)
     floor_db, before_db, after_db = (float(psnr(error, 1.0)) for error in (floor, before, after))
     require(
-        after <= floor * 10 ** (SAME_DB / 10),
+        after <= floor * SAME_RATIO,
         f"{after_db:.1f} dB",
         f"the other texels have a PSNR of {after_db:.2f} dB, {floor_db:.2f} dB as mean colours",
     )
