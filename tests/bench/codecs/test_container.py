@@ -69,21 +69,21 @@ def test_a_file_that_is_whole_but_foreign_is_explained(encoded, tmp_path, change
 def test_what_is_no_codec_file_is_called_so(tmp_path, data):
     path = tmp_path / "picture.nbtf"
     path.write_bytes(data)
-    with pytest.raises(ContainerError, match="not a codec file"):
+    with pytest.raises(ContainerError, match=r"picture\.nbtf.*codec file"):
         container.read_header(path)
 
 
 def test_a_file_of_another_format_is_named_with_its_remedy(encoded, tmp_path):
     path = tmp_path / "old.nbtf"
     path.write_bytes(safetensors.torch.save({"texture/mean": torch.ones(3)}, {"neubtf": "{}"}))
-    with pytest.raises(ContainerError, match="a file of format 1, which this version does not read: encode it again"):
+    with pytest.raises(ContainerError, match=r"old\.nbtf.*format 1.*encode"):
         container.read_header(path)
     path.write_bytes(safetensors.torch.save({"mean": torch.ones(3)}, {"another": "{}"}))
-    with pytest.raises(ContainerError, match="not a codec file"):
+    with pytest.raises(ContainerError, match=r"old\.nbtf.*codec file"):
         container.read_header(path)
     _, data = encoded
     path.write_bytes(data[:4] + b"\3" + data[5:])
-    with pytest.raises(ContainerError, match=r"format 3 is newer than this version reads \(2\): upgrade"):
+    with pytest.raises(ContainerError, match=r"old\.nbtf.*format 3.*\b2\b"):
         container.read_header(path)
 
 
@@ -150,19 +150,19 @@ def test_a_file_that_is_not_laid_out_so_is_refused(tmp_path, data, message):
 
 def test_a_header_beyond_the_limit_is_not_written(monkeypatch):
     monkeypatch.setattr(container, "HEADER_LIMIT", 100)
-    with pytest.raises(EncodeError, match=r"a header of \d+ bytes, but the limit is 100: store fewer tensors"):
+    with pytest.raises(EncodeError, match=r"header.*\b100\b"):
         container.to_bytes(load_codec("mean-colour")(), Parts(other={"a" * 100: torch.ones(1)}))
 
 
 def test_a_missing_file_is_a_container_error(tmp_path):
-    with pytest.raises(ContainerError, match="no such file: check the path"):
+    with pytest.raises(ContainerError, match=r"absent\.nbtf"):
         loading.load(tmp_path / "absent.nbtf")
 
 
 def test_numbers_that_are_not_finite_are_never_written(tmp_path):
     codec: Codec = load_codec("mean-colour")()
     parts = Parts(texture={"mean": torch.full((2, 2, 3), float("nan"))})
-    with pytest.raises(EncodeError, match="texture/mean holds 12 of 12 numbers that are not finite"):
+    with pytest.raises(EncodeError, match=r"texture/mean.* 12 .*12.*finite"):
         container.save(tmp_path / "nan.nbtf", codec, parts)
     assert not list(tmp_path.iterdir())
 
@@ -207,7 +207,7 @@ def test_a_file_of_another_kind_is_never_replaced(tmp_path):
     codec, parts = load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
     path = tmp_path / "measured.npz"
     path.write_bytes(b"a measurement")
-    with pytest.raises(InputError, match="a file of another kind has this name: choose another, or remove it"):
+    with pytest.raises(InputError, match=r"measured\.npz"):
         container.save(path, codec, parts)
     assert path.read_bytes() == b"a measurement"
     path.unlink()

@@ -57,7 +57,7 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path):
     path = mean_colour_file(tmp_path)
     content = path.read_bytes()
     path.write_bytes(rehashed(content[:-48] + torch.full((12,), torch.nan).numpy().tobytes()))
-    with pytest.raises(ContainerError, match="texture/mean holds numbers that are not finite"):
+    with pytest.raises(ContainerError, match=r"texture/mean.*finite"):
         loading.load(path)
 
 
@@ -65,5 +65,5 @@ def test_a_compressed_part_that_is_not_bytes_is_refused(tmp_path):
     parts = Parts(texture={"zstd": torch.ones(8, dtype=torch.bfloat16)})
     path = container.save(tmp_path / "a.nbtf", load_codec("mean-colour")(), parts).path
     resealed(path, lambda fields, tensors: fields["settings"].update(zstd=True))
-    with pytest.raises(ContainerError, match=r"a\.nbtf: a compressed part is torch\.bfloat16, not bytes"):
+    with pytest.raises(ContainerError, match=r"a\.nbtf: .*torch\.bfloat16"):
         loading.load(path)

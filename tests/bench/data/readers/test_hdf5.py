@@ -1,3 +1,4 @@
+import re
 import sys
 
 import numpy as np
@@ -48,20 +49,20 @@ def test_the_file_of_random_directions_beside_it_is_the_test_split(refused, full
     np.testing.assert_allclose(opened.wo[12:], wo, atol=1e-6)
     np.testing.assert_array_equal(opened[13], pictures[5])
     np.testing.assert_array_equal(opened.crop(1, 2, 2, 3)[14], pictures[6, 1:3, 2:5])
-    assert opened.provenance["heldout"] == f"the 3 pairs of {heldout.name}"
+    assert re.search(rf"\b3\b.*{heldout.name}", opened.provenance["heldout"])
     assert opened.fingerprint != open_btf(heldout).fingerprint
     assert len(open_btf(heldout)) == 3
     samples.write_hdf5(heldout, wo, wi, pictures[4:7, :3])
-    refused(full, "6 x 3, those of .*full.* 6 x 5", heldout)
+    refused(full, "6 x 3.*full.* 6 x 5", heldout)
     samples.write_hdf5(heldout, btf.wo[:1], btf.wi[:1], pictures[:1])
     refused(full, "pair 0: .*full.*: pair 0", heldout)
 
 
 def test_a_file_above_a_limit_is_told_which(refused, full, monkeypatch):
     monkeypatch.setattr(hdf5, "MAX_PIXELS", 29)
-    refused(full, "too large: the limit is 29 pixels")
+    refused(full, "29 pixels")
     monkeypatch.setattr(hdf5, "MAX_PAIRS", 11)
-    refused(full, "too large: the limit is 11 pairs")
+    refused(full, "11 pairs")
 
 
 @pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
