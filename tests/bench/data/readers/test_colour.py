@@ -140,11 +140,11 @@ def test_primaries_of_chrm_and_adobe_rgb_by_exif_are_converted(tmp_path):
 @pytest.mark.parametrize(
     ("chunk", "bits", "message"),
     [
-        ((b"iCCP", b"P3\0\0" + zlib.compress(P3)), 16, "16 bits is not converted: save it as 16-bit sRGB"),
-        ((b"iCCP", b"x\0\0" + zlib.compress(SRGB[:16] + b"CMYK" + SRGB[20:])), 8, "ICC profile is of 'CMYK'"),
-        ((b"iCCP", b"x\0\0" + zlib.compress(SRGB[:300])), 8, "ICC profile cannot be applied"),
-        ((b"cICP", b"\x09\x10\0\1"), 8, "cICP chunk states colour space 9, 16"),
-        ((b"cHRM", bytes(32)), 8, "cHRM chunk span no colours"),
+        ((b"iCCP", b"P3\0\0" + zlib.compress(P3)), 16, "16 bits"),
+        ((b"iCCP", b"x\0\0" + zlib.compress(SRGB[:16] + b"CMYK" + SRGB[20:])), 8, "ICC.*'CMYK'"),
+        ((b"iCCP", b"x\0\0" + zlib.compress(SRGB[:300])), 8, "ICC"),
+        ((b"cICP", b"\x09\x10\0\1"), 8, "cICP.*9, 16"),
+        ((b"cHRM", bytes(32)), 8, "cHRM"),
     ],
 )
 def test_what_cannot_be_converted_is_refused(tmp_path, chunk, bits, message):

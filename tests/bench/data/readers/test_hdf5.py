@@ -101,12 +101,12 @@ COLOUR, LIGHT = KEYS[0], KEYS[2]
 @pytest.mark.parametrize(
     ("key", "change", "message"),
     [
-        (LIGHT, None, "no data set"),
-        (LIGHT, h5py.ExternalLink("/etc/passwd", "/x"), "is a link to /x in the file /etc/passwd: copy"),
-        (LIGHT, h5py.SoftLink("/ground_camera_dir"), "is a link to /ground_camera_dir: copy"),
-        (LIGHT, h5py.SoftLink("/nowhere"), "is a link to /nowhere: copy"),
-        (LIGHT, {"shape": (12, 2)}, "no value was ever written"),
-        (COLOUR, {"shape": (12, 5, 6, 3), "chunks": (1, 5, 6, 3)}, "no value was ever written"),
+        (LIGHT, None, "data set"),
+        (LIGHT, h5py.ExternalLink("/etc/passwd", "/x"), "link.*/x.*/etc/passwd"),
+        (LIGHT, h5py.SoftLink("/ground_camera_dir"), "link.*/ground_camera_dir"),
+        (LIGHT, h5py.SoftLink("/nowhere"), "link.*/nowhere"),
+        (LIGHT, {"shape": (12, 2)}, "written"),
+        (COLOUR, {"shape": (12, 5, 6, 3), "chunks": (1, 5, 6, 3)}, "written"),
         (COLOUR, half_written, "8 of the 12 chunks"),
         (LIGHT, virtual, "other files"),
         (LIGHT, {"shape": (12, 2), "external": [("/etc/passwd", 0, 96)]}, "other files"),
@@ -116,14 +116,14 @@ COLOUR, LIGHT = KEYS[0], KEYS[2]
         (LIGHT, np.zeros((11, 2), "f4"), r"\(11, 2\)"),
         (LIGHT, np.zeros((12, 5, 6, 2), "f2"), r"\(12, 5, 6, 2\)"),  # for each pixel, as NeuMIP's generator
         (KEYS[1], np.zeros((12, 5, 6, 2), "f2"), r"\(12, 5, 6, 2\)"),
-        (LIGHT, np.full((12, 2), np.nan, "f4"), "not a unit vector"),
-        (LIGHT, np.full((12, 2), 0.9, "f4"), "not a unit vector"),
+        (LIGHT, np.full((12, 2), np.nan, "f4"), "unit vector"),
+        (LIGHT, np.full((12, 2), 0.9, "f4"), "unit vector"),
         (LIGHT, np.tile([1.0, 0], (12, 1)), "not above"),
         (LIGHT, np.zeros((12, 2), "f4"), None),
         (LIGHT, h5py.Empty("f4"), "None float32"),
-        (COLOUR, {"shape": (12, 1 << 20, 1 << 20, 3), "chunks": (1, 64, 64, 3)}, "more than its bytes"),
-        (LIGHT, {"shape": (1 << 40, 2), "chunks": (64, 2)}, "more than its bytes"),
-        (COLOUR, {"shape": (12, 1 << 12, 1 << 12, 3), "chunks": (12, 1 << 12, 1 << 12, 3)}, "more than its bytes"),
+        (COLOUR, {"shape": (12, 1 << 20, 1 << 20, 3), "chunks": (1, 64, 64, 3)}, "bytes"),
+        (LIGHT, {"shape": (1 << 40, 2), "chunks": (64, 2)}, "bytes"),
+        (COLOUR, {"shape": (12, 1 << 12, 1 << 12, 3), "chunks": (12, 1 << 12, 1 << 12, 3)}, "bytes"),
     ],
 )
 def test_a_file_that_is_no_btf_is_an_error_with_the_name_of_the_data_set(refused, full, key, change, message):
