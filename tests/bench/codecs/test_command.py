@@ -89,11 +89,11 @@ def test_a_changed_program_is_not_answered_from_earlier_files(tmp_path):
 
 ANSWER = "mean[rows, columns]"
 FAILURES = [
-    ({"encode": "import sys; sys.exit('no licence')"}, "ended with code 1: no licence"),
+    ({"encode": "import sys; sys.exit('no licence')"}, "code 1: no"),
     ({"decode": DECODE.replace(ANSWER, f"{ANSWER} / 0.0")}, "finite"),
-    ({"encode": "pass"}, "wrote no file"),
-    ({"encode": "import os, sys; os.mkdir(sys.argv[2] + '/inner')"}, "inner in {files} is not a regular file"),
-    ({"decode": "raise SystemExit('no licence')"}, "ended without an answer: no licence"),
+    ({"encode": "pass"}, "wrote no"),
+    ({"encode": "import os, sys; os.mkdir(sys.argv[2] + '/inner')"}, "inner in"),
+    ({"decode": "raise SystemExit('no licence')"}, "no licence"),
     ({"decode": DECODE.replace(ANSWER, "mean[rows, columns, :2]")}, "instead of"),
     ({"decode": DECODE.replace("np.save(answers", "open(answers, 'w').write('text'), (lambda *_: 0)(answers")}, "read"),
 ]

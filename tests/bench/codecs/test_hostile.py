@@ -38,11 +38,11 @@ def two_stages(parts):
 @pytest.mark.parametrize(
     ("name", "settings", "change", "message"),
     [
-        ("vq", {"codes": 5}, lambda p: p.texture.update(index0=p.texture["index0"][:-1]), "a texture of this file"),
-        ("vq", {"codes": 1}, lambda p: p.other.update(size=HUGE), "an index of"),
-        ("vq", {"codes": 1}, two_stages, r"an index of \d+ bytes for 4096 × 4096 texels and 2 stages"),
-        ("neumip", {"steps": 1, "batch": 16}, lambda p: p.other.update(size=HUGE), "not what codec neumip wrote"),
-        ("pca", {"components": 2}, lambda p: p.other.update(views=p.other["views"][:-1]), "its pairs are not those"),
+        ("vq", {"codes": 5}, lambda p: p.texture.update(index0=p.texture["index0"][:-1]), "a texture"),
+        ("vq", {"codes": 1}, lambda p: p.other.update(size=HUGE), "index"),
+        ("vq", {"codes": 1}, two_stages, "index.* 4096 .*2 stages"),
+        ("neumip", {"steps": 1, "batch": 16}, lambda p: p.other.update(size=HUGE), "codec neumip"),
+        ("pca", {"components": 2}, lambda p: p.other.update(views=p.other["views"][:-1]), "pairs"),
     ],
 )
 def test_parts_that_do_not_agree_are_refused_before_memory_is_taken(name, settings, change, message, tmp_path):

@@ -81,10 +81,10 @@ def a_part(tensors, body):
 @pytest.mark.parametrize(
     ("name", "data", "message"),
     [
-        ("zstd", a_part({"texture": {"mean": ["U8", 3]}}, b"12"), "a compressed part: truncated: 1 bytes are missing"),
-        ("zstd", a_part({"texture": {"mean": ["U8", 1]}}, b"12"), "a compressed part: 1 bytes follow its last tensor"),
-        ("zstd", a_part({"other": {"mean": ["U8", 2]}}, b"12"), "a compressed part holds tensors of another"),
-        ("mean", a_part({"texture": {"mean": ["U8", 2]}}, b"12"), "or is not alone in its own"),
+        ("zstd", a_part({"texture": {"mean": ["U8", 3]}}, b"12"), "compressed part.* 1 bytes"),
+        ("zstd", a_part({"texture": {"mean": ["U8", 1]}}, b"12"), "compressed part.* 1 bytes"),
+        ("zstd", a_part({"other": {"mean": ["U8", 2]}}, b"12"), "compressed part.*another"),
+        ("mean", a_part({"texture": {"mean": ["U8", 2]}}, b"12"), "alone"),
     ],
 )
 def test_a_part_that_does_not_hold_what_it_says_is_refused(tmp_path, name, data, message):

@@ -163,11 +163,11 @@ def test_update_writes_the_file_and_prints_what_changed(make, run, tmp_path, cap
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["{run}"], "not a run of a built-in suite: give --out FILE"),
-        (["{run}", "-o", "{tmp}/a.json"], "ends in .jsonl"),
-        (["{run}", "-o", "{run}/records.jsonl"], "the records of a run have this name"),
-        (["{run}", "-o", "/proc/no/a.jsonl"], "cannot be written"),
-        (["{tmp}/none"], "no such folder"),
+        (["{run}"], "--out FILE"),
+        (["{run}", "-o", "{tmp}/a.json"], ".jsonl"),
+        (["{run}", "-o", "{run}/records.jsonl"], "records.jsonl: "),
+        (["{run}", "-o", "/proc/no/a.jsonl"], "/proc/no"),
+        (["{tmp}/none"], "none: "),
     ],
 )
 def test_bad_usage_is_one_line_and_2(run, tmp_path, words, message, capsys):
