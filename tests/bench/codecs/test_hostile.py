@@ -38,11 +38,11 @@ def two_stages(parts):
 @pytest.mark.parametrize(
     ("name", "settings", "change", "message"),
     [
-        ("vq", {"codes": 5}, lambda p: p.texture.update(index0=p.texture["index0"][:-1]), "a texture of this file"),
-        ("vq", {"codes": 1}, lambda p: p.other.update(size=HUGE), "an index of"),
-        ("vq", {"codes": 1}, two_stages, r"an index of \d+ bytes for 4096 × 4096 texels and 2 stages"),
-        ("neumip", {"steps": 1, "batch": 16}, lambda p: p.other.update(size=HUGE), "not what codec neumip wrote"),
-        ("pca", {"components": 2}, lambda p: p.other.update(views=p.other["views"][:-1]), "its pairs are not those"),
+        ("vq", {"codes": 5}, lambda p: p.texture.update(index0=p.texture["index0"][:-1]), "a texture"),
+        ("vq", {"codes": 1}, lambda p: p.other.update(size=HUGE), "index"),
+        ("vq", {"codes": 1}, two_stages, "index.* 4096 .*2 stages"),
+        ("neumip", {"steps": 1, "batch": 16}, lambda p: p.other.update(size=HUGE), "codec neumip"),
+        ("pca", {"components": 2}, lambda p: p.other.update(views=p.other["views"][:-1]), "pairs"),
     ],
 )
 def test_parts_that_do_not_agree_are_refused_before_memory_is_taken(name, settings, change, message, tmp_path):
@@ -57,7 +57,7 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path):
     path = mean_colour_file(tmp_path)
     content = path.read_bytes()
     path.write_bytes(rehashed(content[:-48] + torch.full((12,), torch.nan).numpy().tobytes()))
-    with pytest.raises(ContainerError, match="texture/mean holds numbers that are not finite"):
+    with pytest.raises(ContainerError, match=r"texture/mean.*finite"):
         loading.load(path)
 
 
@@ -65,5 +65,5 @@ def test_a_compressed_part_that_is_not_bytes_is_refused(tmp_path):
     parts = Parts(texture={"zstd": torch.ones(8, dtype=torch.bfloat16)})
     path = container.save(tmp_path / "a.nbtf", load_codec("mean-colour")(), parts).path
     resealed(path, lambda fields, tensors: fields["settings"].update(zstd=True))
-    with pytest.raises(ContainerError, match=r"a\.nbtf: a compressed part is torch\.bfloat16, not bytes"):
+    with pytest.raises(ContainerError, match=r"a\.nbtf: .*torch\.bfloat16"):
         loading.load(path)

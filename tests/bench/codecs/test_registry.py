@@ -1,3 +1,4 @@
+import re
 from importlib.metadata import EntryPoint
 
 import pytest
@@ -8,7 +9,7 @@ from bench.inputs import plugins
 from bench.inputs.errors import InputError
 from tests.bench.outside import install
 
-MINE = 'class Mine:\n    """Says what it is."""\n\n    name, version = "mine", 1\n'
+MINE = 'class Mine:\n    """My codec."""\n\n    name, version = "mine", 1\n'
 
 
 @pytest.fixture
@@ -32,21 +33,21 @@ def test_two_codecs_of_one_name_are_an_error_and_the_same_one_twice_is_not(insta
     installed(("pca", "baselines.pca:PCA"), ("pca", "baselines.pca:PCA"))
     assert list(registry.codec_entries()) == ["pca"]
     installed(("pca", "baselines.pca:PCA"), ("pca", "other.pca:PCA"))
-    with pytest.raises(InputError, match=r"two codecs are named 'pca': baselines.pca:PCA and other.pca:PCA"):
+    with pytest.raises(InputError, match=r"'pca'.*baselines\.pca:PCA.*other\.pca:PCA"):
         registry.codec_entries()
 
 
 def test_a_class_must_be_there_bear_the_name_of_its_entry_point_and_have_a_version(installed, monkeypatch):
     installed(("pcb", "baselines.pca:PCA"), ("pca", "baselines.pca:PCA"), ("gone", "no_such_module:Codec"))
     assert "not importable" in registry.describe(registry.codec_entries()["gone"])
-    with pytest.raises(InputError, match="calls itself 'pca'"):
+    with pytest.raises(InputError, match=r"pcb.*'pca'"):
         registry.load_codec("pcb")
     monkeypatch.setattr(PCA, "name", None)
-    with pytest.raises(InputError, match=r"codec pca of .* has no name: write `name = 'pca'` into its class"):
+    with pytest.raises(InputError, match=r"codec pca.*\bname\b"):
         registry.load_codec("pca")
     monkeypatch.setattr(PCA, "name", "pca")
     monkeypatch.delattr(PCA, "version")
-    with pytest.raises(InputError, match=r"codec pca of .* has no version: add `version = 1` to its class"):
+    with pytest.raises(InputError, match=r"codec pca.*\bversion\b"):
         registry.load_codec("pca")
 
 
@@ -56,7 +57,7 @@ def test_an_unknown_codec_whose_folder_lies_here_is_told_how_to_install_it(folde
     (tmp_path / folder).mkdir()
     text = '[project.entry-points."neubtf_bench.codecs"]\nmine = "mine:Mine"\n'
     (tmp_path / folder / "pyproject.toml").write_text(text)
-    with pytest.raises(InputError, match=rf"no codec named 'mine' is installed: pip install \./{folder}$"):
+    with pytest.raises(InputError, match=rf"'mine'.* \./{folder}$"):
         registry.load_codec("mine")
 
 
@@ -64,5 +65,5 @@ def test_a_codec_that_fails_is_listed_with_its_failure(tmp_path, monkeypatch):
     site = install(tmp_path, "outside", {"fails": "fails:Mine", "mine": "mine:Mine"}, {"fails": "1 / 0", "mine": MINE})
     monkeypatch.syspath_prepend(site)
     entries = registry.codec_entries()
-    assert registry.listed(entries["fails"]).startswith("FAILS: codec fails of outside 1.0 cannot be imported: ZeroDiv")
-    assert registry.listed(entries["mine"]) == "Says what it is."
+    assert re.match("FAILS: .*fails.*outside.*ZeroDivisionError", registry.listed(entries["fails"]))
+    assert registry.listed(entries["mine"]) == "My codec."

@@ -76,9 +76,9 @@ def test_a_material_is_two_files_and_the_second_is_found_by_its_hash(tmp_path):
 
 
 def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path):
-    with pytest.raises(MissingDataError, match=r"missing.*neubtf-bench pretrain tinted"):
+    with pytest.raises(MissingDataError, match=r"missing.*pretrain tinted"):
         encoded(tmp_path / "file.nbtf")
-    with pytest.raises(MissingDataError, match=r"Fit\(network=.*neubtf-bench pretrain tinted"):
+    with pytest.raises(MissingDataError, match=r"Fit\(network=.*pretrain tinted"):
         Tinted().encode(tiny_btf(4, 3, 3), Fit())
     make()
     header = encoded(tmp_path / "file.nbtf")
@@ -87,15 +87,15 @@ def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path
     with pytest.raises(ContainerError, match=wanted):
         loading.load(header.path)
     make(bright=2.0)
-    with pytest.raises(ContainerError, match="is another one"):
+    with pytest.raises(ContainerError, match=f"{header.network}.*another"):
         loading.load(header.path)
 
 
 def test_a_network_is_no_material_and_a_material_no_network(tmp_path):
     network, header = make(), encoded(tmp_path / "file.nbtf")
-    with pytest.raises(ContainerError, match="not a material, but the network that codec tinted shares"):
+    with pytest.raises(ContainerError, match=r"network.*codec tinted"):
         loading.load(network.path)
-    with pytest.raises(ContainerError, match="not a shared network"):
+    with pytest.raises(ContainerError, match="shared network"):
         shared.read(header.path)
 
 
@@ -105,7 +105,7 @@ def test_a_damaged_network_is_refused_by_name_and_not_written_over(tmp_path):
     data[-1] ^= 1
     path.write_bytes(data)
     for use in (lambda: encoded(tmp_path / "file.nbtf"), make):
-        with pytest.raises(ContainerError, match=r"tinted\.nbtf: altered or damaged"):
+        with pytest.raises(ContainerError, match=r"tinted\.nbtf: .*damaged"):
             use()
     assert path.read_bytes() == data
 
@@ -114,7 +114,7 @@ def test_it_refuses_what_it_was_trained_on_at_any_size_and_directions():
     trained = materials.load("leather", size=4, views=4, lights=4, heldout=0)
     network = shared.read(shared.make(Tint(), [trained], Fit(), shared.place("tinted")).path)
     for same in (trained, trained.subset([1, 2]), materials.load("leather", 6, views=5, lights=3, heldout=2)):
-        with pytest.raises(InputError, match="leather: codec tinted cannot be measured"):
+        with pytest.raises(InputError, match=r"leather: .*tinted"):
             shared.refuse_training_material(network, same)
     shared.refuse_training_material(network, materials.load("leather", size=4, views=4, lights=4, heldout=0, seed=1))
     shared.refuse_training_material(network, tiny_btf(4, 3, 3))
@@ -141,7 +141,7 @@ def test_a_network_is_trained_on_variations_and_watched_on_others(monkeypatch):
     assert asked == [(MATERIALS, len(UNSEEN))]
     assert not set(range(MATERIALS)) & set(UNSEEN)
     assert len(shared.read(path).parts.other["origins"]) == MATERIALS
-    with pytest.raises(InputError, match="at least one training material"):
+    with pytest.raises(InputError, match=r"material.* 0$"):
         pretrain(Tint(), Fit(), path, materials=0)
 
 
@@ -173,13 +173,13 @@ def job(folder) -> Record:
 def test_a_run_without_the_network_says_how_to_get_it_and_takes_the_one_that_is_shipped(tmp_path, monkeypatch):
     missing = job(tmp_path / "run")
     assert missing["status"] == "unavailable"
-    assert "neubtf-bench pretrain tinted" in missing["error"]
+    assert "pretrain tinted" in missing["error"]
     monkeypatch.setattr(Tint, "shipped", make().path.rename(tmp_path / "shipped.nbtf"))
     assert job(tmp_path / "run")["status"] == "ok"
     shared.make(Tint(), [tiny_btf(12, 4, 4)], Fit(), shared.place("tinted"))
     trained = job(tmp_path / "run")
     assert trained["status"] == "failed"
-    assert "was trained on it" in trained["error"]
+    assert "shared network" in trained["error"]
 
 
 @pytest.mark.usefixtures("tiny")
@@ -198,16 +198,16 @@ def test_a_network_that_was_trained_on_the_material_neither_encodes_nor_scores_i
     btf = tiny_btf(4, 3, 3)
     shared.make(Tint(), [btf], Fit(), shared.place("tinted"))
     monkeypatch.setattr(library, "make_codec", lambda name, settings: Tinted(**settings))
-    with pytest.raises(InputError, match="its shared network was trained on it"):
+    with pytest.raises(InputError, match="shared network"):
         bench.encode(btf, "tinted", tmp_path / "a.nbtf")
     header = encoded(tmp_path / "after.nbtf")
     assert header.network == shared.find("tinted").sha256
-    with pytest.raises(InputError, match="its shared network was trained on it"):
+    with pytest.raises(InputError, match="shared network"):
         bench.score(tmp_path / "after.nbtf", btf)
     assert bench.score(tmp_path / "before.nbtf", btf)["scores"]
     write_npz(btf, tmp_path / "btf.npz")
     shared.make(Tint(), [open_btf(tmp_path / "btf.npz")], Fit(), shared.place("tinted"))
     assert cli.main(["encode", str(tmp_path / "btf.npz"), "--codec", "tinted", "-o", str(tmp_path / "b.nbtf")]) == 2
-    assert "its shared network was trained on it" in capsys.readouterr().err
+    assert "shared network" in capsys.readouterr().err
     assert not (tmp_path / "a.nbtf").exists()
     assert not (tmp_path / "b.nbtf").exists()

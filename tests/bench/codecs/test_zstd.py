@@ -41,16 +41,16 @@ def test_a_suite_may_sweep_it_and_the_command_line_set_it():
     assert keys == [None, True]
     changed = with_changes(parse_suite("test", '[[codecs]]\ncodec = "pca"\n'), [], [], {"pca.zstd": "yes"})
     assert changed.codecs[0].settings == {"zstd": True}
-    with pytest.raises(InputError, match="zstd of codec pca must be true or false, not 'maybe'"):
+    with pytest.raises(InputError, match=r"zstd.*pca.*'maybe'"):
         load_codec("pca")(zstd="maybe")
 
 
 def test_without_the_package_it_is_said_what_to_install(tmp_path, monkeypatch):
     header = saved(tmp_path / "packed.nbtf", zstd=True)
     monkeypatch.setitem(sys.modules, "zstandard", None)
-    with pytest.raises(InputError, match=r"packed\.nbtf: needs .*pip install 'neubtf-bench\[zstd\]'"):
+    with pytest.raises(InputError, match=r"packed\.nbtf: .*neubtf-bench\[zstd\]"):
         loading.load(header.path)
-    with pytest.raises(InputError, match=r"zstd = true: needs the package zstandard"):
+    with pytest.raises(InputError, match=r"zstd.*neubtf-bench\[zstd\]"):
         compressed(b"data")
     loading.load(saved(tmp_path / "plain.nbtf").path)
 
@@ -81,10 +81,10 @@ def a_part(tensors, body):
 @pytest.mark.parametrize(
     ("name", "data", "message"),
     [
-        ("zstd", a_part({"texture": {"mean": ["U8", 3]}}, b"12"), "a compressed part: truncated: 1 bytes are missing"),
-        ("zstd", a_part({"texture": {"mean": ["U8", 1]}}, b"12"), "a compressed part: 1 bytes follow its last tensor"),
-        ("zstd", a_part({"other": {"mean": ["U8", 2]}}, b"12"), "a compressed part holds tensors of another"),
-        ("mean", a_part({"texture": {"mean": ["U8", 2]}}, b"12"), "or is not alone in its own"),
+        ("zstd", a_part({"texture": {"mean": ["U8", 3]}}, b"12"), "compressed part.* 1 bytes"),
+        ("zstd", a_part({"texture": {"mean": ["U8", 1]}}, b"12"), "compressed part.* 1 bytes"),
+        ("zstd", a_part({"other": {"mean": ["U8", 2]}}, b"12"), "compressed part.*another"),
+        ("mean", a_part({"texture": {"mean": ["U8", 2]}}, b"12"), "alone"),
     ],
 )
 def test_a_part_that_does_not_hold_what_it_says_is_refused(tmp_path, name, data, message):
@@ -101,5 +101,5 @@ def test_a_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
     codec = load_codec("mean-colour")(zstd=True)
     header = container.save(tmp_path / "file", codec, Parts(texture={"mean": torch.zeros(64, 64, 3)}))
     assert header.file_bytes < 1000
-    with pytest.raises(ContainerError, match="far too large"):
+    with pytest.raises(ContainerError, match=r"file.*too large"):
         loading.load(header.path)

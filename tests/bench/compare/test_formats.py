@@ -39,26 +39,29 @@ def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
     text = terminal(mixed)
     assert max(map(len, text.splitlines())) <= 120
     assert re.search(r"^pca +3,011 +65,920 \(\+1,920\) +29\.50 +−0\.50 ± 0\.02 .* WORSE$", text, re.M)
-    assert "WORSE   satin/pca: PSNR 30.00 → 29.50 dB (−0.50; up to 0.02 counts as the same)" in text
-    assert "better  satin/vq: PSNR 30.10 → 31.10 dB (+1.00" in text
-    assert "n/c     satin/other: codec version 2 instead of 1" in text
-    assert "GONE    satin/gone: no such job in the run" in text
-    assert "advice  satin/pca: decodes slower, 3.00 → 6.00 × mean-colour (a time is only advice)" in text
-    assert text.splitlines()[-1] == (
-        "8 rows: 1 failed, 1 gone, 2 worse, 1 not comparable, 1 better, 1 same, 1 new; means of rows: 1 worse"
-    )
+    for line in (
+        r"WORSE +satin/pca: PSNR 30\.00.*29\.50.*−0\.50.*0\.02",
+        r"better +satin/vq: PSNR 30\.10.*31\.10.*\+1\.00",
+        "n/c +satin/other: .*version 2.*1",
+        "GONE +satin/gone: ",
+        r"advice +satin/pca: .*3\.00.*6\.00.*mean-colour",
+    ):
+        assert re.search(f"^{line}", text, re.M), line
+    counts = [("8", "rows"), ("1", "failed"), ("1", "gone"), ("2", "worse"), ("1", "not"), ("1", "better")]
+    counts += [("1", "same"), ("1", "new"), ("1", "worse")]  # the last of means of rows
+    assert re.findall(r"(\d+) (\w+)", text.splitlines()[-1]) == counts
 
 
 def test_a_run_of_a_part_is_told_how_to_compare_what_is_there(make):
     base = make.run("base", *(make.job(label, seed=0) for label in ("pca", "vq", "hsh", "table")))
     text = terminal(compare(base, make.run("new", make.job("pca", seed=0))))
-    said = "GONE    3 rows: no such job in the run; to compare what is there: --material satin --codec pca"
-    assert text.splitlines().count(said) == text.count("no such job") == 1
+    (said,) = [line for line in text.splitlines() if line.startswith("GONE")]
+    assert re.search("3 rows.* --material satin --codec pca$", said)
 
 
 def test_markdown_keeps_its_tables_whole_and_shows_names_as_they_stand(mixed):
     text = markdown(mixed)
-    assert text.startswith("### neubtf-bench: 8 rows: 1 failed")
+    assert re.match("### .*8 rows.*1 failed", text)
     for table in re.findall(r"(?:^\|.*\n?)+", text, re.M):
         columns = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
         assert len(columns) == 1, table
@@ -80,7 +83,7 @@ def test_junit_is_read_by_another_program_as_it_was_meant(mixed):
     (failure,) = cases["satin/pca/PSNR"].result
     assert isinstance(failure, Failure)
     assert failure.type == "worse"
-    assert failure.message.startswith("PSNR 30.00 → 29.50 dB (−0.50")
+    assert re.match(r"PSNR 30\.00.*29\.50.*−0\.50", failure.message)
     assert (cases["satin/pca/PSNR"].classname, cases["satin/pca/FLIP"].result) == ("satin/pca", [])
     assert cases["satin/other/result"].result[0].type == "not comparable"
     assert isinstance(cases["a/material/brand-new/result"].result[0], Skipped)
@@ -93,10 +96,10 @@ def test_annotations_are_one_escaped_line_each(mixed):
     lines = annotations(mixed).splitlines()
     assert all(re.fullmatch(r"::(error|warning) title=[^:,\n]+::[^\n]+", line) for line in lines)
     assert sum(line.startswith("::error ") for line in lines) == 6
-    assert any(line.startswith("::error title=satin/pca::bytes 64,000 → 65,920 (+1,920); PSNR") for line in lines)
-    assert any("red second, line: 5 %25" in line for line in lines)
-    assert any(line.startswith("::error title=satin/other::codec version") for line in lines)
-    assert any(line.startswith("::warning title=satin/pca::decodes slower") for line in lines)
+    assert any(re.match("::error title=satin/pca::bytes.*64,000.*65,920.*PSNR", line) for line in lines)
+    assert any("red second," in line and "5 %25" in line for line in lines)
+    assert any(line.startswith("::error title=satin/other::") for line in lines)
+    assert any(line.startswith("::warning title=satin/pca::") for line in lines)
 
 
 def test_a_workflow_command_is_taken_apart_as_it_was_put_together():
@@ -112,7 +115,7 @@ def test_of_many_regressions_the_last_annotation_counts_the_rest(make):
     jobs = [make.job(f"codec-{i}") for i in range(14)]
     lines = annotations(compare(make.run("base", *jobs), make.run("new", make.job("codec-0")))).splitlines()
     assert len(lines) == 10
-    assert lines[-1].startswith("::error title=4 more::satin/codec-10, satin/codec-11")
+    assert re.match("::error title=4.*satin/codec-10.*satin/codec-11", lines[-1])
 
 
 def test_the_tracker_gets_numbers_by_direction(make):

@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -84,13 +85,10 @@ def test_why_a_row_has_no_number_to_show_stands_in_a_column(write):
     del bare["score_key"]
     infinite = job("exact", test=None)
     frame = frame_of(load_run(write(other, job("a x=2"), failed, bare, infinite))).set_index("label")
-    assert frame["why"].to_dict() == {
-        "a x=1": "other data (their fingerprint differs)",
-        "a x=2": "",
-        "vq": "RuntimeError: no luck",
-        "hand": "its record has no score_key",
-        "exact": "",
-    }
+    why = frame["why"].to_dict()
+    assert {label for label in why if not why[label]} == {"a x=2", "exact"}
+    for label, named in (("a x=1", "fingerprint"), ("vq", "RuntimeError: no luck"), ("hand", "score_key")):
+        assert named in why[label]
     assert frame.loc["vq", "surface"] == "measured"  # of its material
     assert frame[TEST].dtype == frame["bits"].dtype == float
     assert np.isnan([frame.loc["vq", TEST], frame.loc["vq", "bits"], frame.loc["exact", TEST]]).all()
@@ -100,7 +98,9 @@ def test_what_cannot_be_made_again_says_why(write):
     now = current_versions("pca")
     old = job("pca x=1", fit_key=now | {"version": 1})
     frame = frame_of(load_run(write(job("pca", "wool", fit_key=now), old, job("no-such-codec"))))
-    assert list(frame["stale"]) == ["", f"codec version 1 instead of {now['version']}", ""]
+    none, stale, outside = frame["stale"]
+    assert none == outside == ""
+    assert re.search(f"version 1 .*{now['version']}$", stale)
 
 
 def test_a_model_of_a_scene_is_marked(write):

@@ -75,7 +75,7 @@ def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_p
             jobs.append(make.job(label, seed=seed) | {"slices": f"../{name}"})
     run = make.run("run", *jobs)
     for labels in (("vp", ["vq"]), ("pca", ["vq", "table"])):
-        with pytest.raises(InputError, match=r"the run has no such label: it has pca; vq$"):
+        with pytest.raises(InputError, match=r"pca; vq$"):
             against(run, *labels)
     whole = against(run, "pca", ["vq"])
     difference = whole.over["vq"]
@@ -103,6 +103,6 @@ def test_a_reference_holds_slices_to_a_hundredth_of_a_decibel(make, tmp_path):
     values = np.array([31.234, 100.0, -4.5])
     np.testing.assert_allclose(unpacked(packed(values)), [31.23, MOST_DB, -4.5])
     np.savez(tmp_path / "a.npz", psnr_display=[0.1], other=[1])
-    with pytest.raises(InputError, match=r"a\.npz: the slices of satin/pca/0 cannot be read"):
+    with pytest.raises(InputError, match=r"a\.npz: .*satin/pca/0"):
         decibels(tmp_path, make.job() | {"slices": "a.npz"})
     assert decibels(tmp_path, make.job() | {"slices": "absent.npz"}) is None

@@ -1,5 +1,6 @@
 import json
 import math
+import re
 import statistics
 
 import pytest
@@ -85,9 +86,9 @@ def test_a_reference_names_no_place_host_or_time(run):
 @pytest.mark.parametrize("status", ["failed", "unavailable"])
 def test_a_run_that_is_not_whole_makes_no_reference(make, status):
     run = make.run("run", make.job(), make.unfinished(status, "vq"))
-    with pytest.raises(InputError, match=r"1 job.* without a result, the first satin/vq/0"):
+    with pytest.raises(InputError, match=r"1 job.*satin/vq/0"):
         reference(run)
-    with pytest.raises(InputError, match="the run has no results"):
+    with pytest.raises(InputError, match="empty: "):
         reference(make.run("empty"))
 
 
@@ -117,8 +118,8 @@ def test_update_prints_what_losses_it_can_tell_from_chance(make, tmp_path, capsy
     assert cli.main([*words, "--wide"]) == 0
     out = capsys.readouterr().out
     limit = stats.t.isf(0.001, 5) * statistics.stdev(psnrs["satin"]) * math.sqrt(1 / 6 + 1 / 3)
-    said = "losses below these cannot be told from chance on these materials:\n"
-    assert f"{said}  satin/vq  PSNR {limit:.2f} dB, train 0.10 dB\n  knit/vq   PSNR 0.02 dB, train 0.02 dB\n" in out
+    assert re.search(rf"satin/vq +PSNR {limit:.2f}.*0\.10", out)
+    assert re.search(r"knit/vq +PSNR.*0\.02.*0\.02", out)
 
 
 def test_update_warns_of_seeds_with_test_pairs_of_their_own(make, tmp_path, capsys):
@@ -126,14 +127,15 @@ def test_update_warns_of_seeds_with_test_pairs_of_their_own(make, tmp_path, caps
     for name, own in (("validation", False), ("test", True)):
         run = make.run(name, *(make.job(seed=seed, btf=str(seed * own)) for seed in range(3)))
         assert cli.main(["compare", "--update", str(run.folder), "--out", out]) == 0
-        assert ('split = "validation"' in capsys.readouterr().out) == own
+        assert ('"validation"' in capsys.readouterr().out) == own
 
 
 def test_a_reference_is_made_from_a_run_alone(run, tmp_path, capsys):
     path = tmp_path / "a.jsonl"
     written(run, path)
     assert cli.main(["compare", "--update", str(path), "--out", str(tmp_path / "b.jsonl")]) == 2
-    assert "a.jsonl: it is a reference, not a run" in capsys.readouterr().err
+    assert "a.jsonl: " in capsys.readouterr().err
+    assert not (tmp_path / "b.jsonl").exists()
 
 
 def test_a_damaged_reference_is_not_updated(run, tmp_path, capsys):
@@ -141,7 +143,7 @@ def test_a_damaged_reference_is_not_updated(run, tmp_path, capsys):
     written(run, path)
     path.write_text(damaged := path.read_text()[:-40])
     assert cli.main(["compare", "--update", str(run.folder), "--out", str(path)]) == 2
-    assert "cannot be read" in capsys.readouterr().err
+    assert "line(s) 11" in capsys.readouterr().err
     assert path.read_text() == damaged
 
 
@@ -153,7 +155,7 @@ def test_update_writes_the_file_and_prints_what_changed(make, run, tmp_path, cap
     changed = make.run("changed", *make.seeds(PSNRS), *make.seeds([27.0] * 3, "pca"))
     assert cli.main(["compare", "--update", str(changed.folder), "--out", str(path)]) == 0
     out = capsys.readouterr().out
-    assert "PSNR 28.00 → 27.00 dB" in out
+    assert re.search(r"PSNR 28\.00.*27\.00", out)
     assert "GONE" in out
     assert cli.main(["compare", str(path), str(changed.folder)]) == 0
 
@@ -161,11 +163,11 @@ def test_update_writes_the_file_and_prints_what_changed(make, run, tmp_path, cap
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["{run}"], "not a run of a built-in suite: give --out FILE"),
-        (["{run}", "-o", "{tmp}/a.json"], "ends in .jsonl"),
-        (["{run}", "-o", "{run}/records.jsonl"], "the records of a run have this name"),
-        (["{run}", "-o", "/proc/no/a.jsonl"], "cannot be written"),
-        (["{tmp}/none"], "no such folder"),
+        (["{run}"], "--out FILE"),
+        (["{run}", "-o", "{tmp}/a.json"], ".jsonl"),
+        (["{run}", "-o", "{run}/records.jsonl"], "records.jsonl: "),
+        (["{run}", "-o", "/proc/no/a.jsonl"], "/proc/no"),
+        (["{tmp}/none"], "none: "),
     ],
 )
 def test_bad_usage_is_one_line_and_2(run, tmp_path, words, message, capsys):

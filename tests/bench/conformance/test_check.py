@@ -220,9 +220,9 @@ class Slow(MeanColour):
 def test_a_codec_that_learns_slowly_is_told_once_how_to_give_it_more_steps(tmp_path, monkeypatch):
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": Slow)
     failed = {result.name: result.failure for result in _extremes(CodecUnderTest(Slow(), tmp_path)) if result.failure}
-    hinted = [name for name, why in failed.items() if "this fit had 40 steps: if the codec learns slowly" in why]
+    hinted = [name for name, why in failed.items() if "40 steps" in why]
     assert len(hinted) == 1, failed
-    assert failed[hinted[0]].endswith("give more by --set steps=400")
+    assert failed[hinted[0]].endswith("--set steps=400")
     assert not any("--set steps" in why for why in failures(holds(), monkeypatch).values())  # it has no steps
 
 
@@ -283,7 +283,7 @@ def fits_with_a_variable(self, btf, fit):
 @pytest.mark.usefixtures("decodes_here")
 def test_a_tensor_that_meets_the_gpus_on_the_cpu_is_named_with_the_authors_line(codec, name, monkeypatch, gpu):
     (message,) = failures(codec, monkeypatch).values()
-    assert message.startswith(f"`{name}` on the CPU")
+    assert message.startswith(f"`{name}` ")
     assert f"{__file__}:" in message
 
 
@@ -297,7 +297,7 @@ def test_a_file_of_one_number_is_noted(monkeypatch):
     codec = with_method("encode", padded)
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
     (note,) = [result.note for result in check(codec()) if result.name == counted.__doc__]
-    assert "other/padding (200,000 bytes)" in note
+    assert "other/padding (200,000" in note
 
 
 @pytest.mark.long
@@ -306,7 +306,7 @@ def test_a_pytorch_that_emulates_no_gpu_fails_no_codec(monkeypatch):
     monkeypatch.setattr(emulated, "_libraries", [])
     monkeypatch.delattr("torch.utils.backend_registration._setup_privateuseone_for_python_backend")
     (reason,) = (result.reason for result in check(MeanColour()) if result.name == on_a_gpu.__doc__)
-    assert reason.startswith("a GPU is emulated by PyTorch 2.9 or newer, and this is ")
+    assert torch.__version__ in reason
 
 
 AFTER_A_GRADIENT = """
@@ -323,7 +323,7 @@ print([result.reason for result in verdicts.check(MeanColour())])
 @pytest.mark.long
 def test_a_process_that_took_a_gradient_emulates_no_gpu_and_fails_no_codec(gpu):
     done = subprocess.run([sys.executable, "-c", AFTER_A_GRADIENT], capture_output=True, text=True, check=True)
-    assert done.stdout == "['a GPU is emulated only in a process that took no gradient before']\n"
+    assert re.fullmatch(r"\['[^']*gradient[^']*'\]\n", done.stdout)
 
 
 def test_the_first_failing_stage_is_the_last_and_names_the_authors_line_once(monkeypatch):

@@ -164,10 +164,10 @@ def test_a_time_on_a_gpu_names_it_and_is_of_many_queries(gpu: torch.device) -> N
     assert "gpu" not in timing.conditions(1, "cpu")
     found = timing.conditions(1, str(gpu))
     assert found["batch"] == 1 << 20
-    assert re.search("driver .*, CUDA ", found["gpu"])
+    assert re.search("driver.*CUDA", found["gpu"])
 
 
 def test_a_network_that_no_gpu_has_room_for_is_refused(gpu: torch.device) -> None:
     triton = pytest.importorskip("bench.timing.fused.with_triton", exc_type=ImportError)
-    with pytest.raises(InputError, match="no room for 512 channels"):
+    with pytest.raises(InputError, match="512 channels"):
         triton.TritonNetwork(Decoder(Architecture(20, (512, 512))).to(gpu))

@@ -140,7 +140,7 @@ PLANTED |= {"log1p(gain · radiance) for": Logarithm, "log1p(gain · radiance) /
 def test_a_wrong_arrangement_is_named(says, tmp_path, monkeypatch):
     monkeypatch.setattr(registry, "load_codec", lambda name, wanted_by="": PLANTED[says])
     (description,) = [each for each in (*frame.MISTAKES, *frame.logarithms()) if says in each] or [says]
-    with pytest.raises(CheckError, match=r"^your answers (fit better|lack|have|had|are)") as raised:
+    with pytest.raises(CheckError) as raised:
         framed(CodecUnderTest(PLANTED[says](), tmp_path))
     assert frame.REMEDIES.get(description, says) in str(raised.value)
 
@@ -152,7 +152,7 @@ def test_there_is_a_planted_codec_for_each_arrangement():
 
 def test_what_a_codec_does_not_tell_apart_is_said_and_no_failure(tmp_path):
     note = framed(CodecUnderTest(MeanColour(), tmp_path))
-    assert "ω_o and ω_i exchanged" in note
+    assert "exchanged" in note
     assert "upside down" not in note
     assert framed(CodecUnderTest(Table(), tmp_path / "table")) is None
 

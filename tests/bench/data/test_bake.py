@@ -1,5 +1,6 @@
 import errno
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
@@ -114,18 +115,18 @@ def test_smoothness_is_inverted_and_said(tmp_path):
     np.testing.assert_allclose(surface.maps.roughness, 0.8, atol=1e-6)
     assert surface.notes["roughness"] == "w_glossiness.png (inverted)"
     folder = save(tmp_path / "unity", B_AlbedoTransparency=flat((0.5,) * 3), B_MetallicSmoothness=flat((0.4, 0.0, 0.0)))
-    with pytest.raises(InputError, match=r"B_MetallicSmoothness\.png: it has no alpha"):
+    with pytest.raises(InputError, match=r"B_MetallicSmoothness\.png: .*alpha"):
         read_surface(recognise(folder), 8)
     exr(folder / "B_MetallicSmoothness.exr", flat((0.4, 0.0, 0.0)))
     (folder / "B_MetallicSmoothness.png").unlink()
-    with pytest.raises(InputError, match=r"B_MetallicSmoothness\.exr: it has no alpha"):
+    with pytest.raises(InputError, match=r"B_MetallicSmoothness\.exr: .*alpha"):
         read_surface(recognise(folder), 8)
     (folder / "B_MetallicSmoothness.exr").unlink()
     save(folder, B_MetallicSmoothness=flat((0.4, 0.0, 0.0, 0.2)))
     surface = read_surface(recognise(folder), 8)
     np.testing.assert_allclose(surface.maps.roughness, 0.8, atol=1e-6)
     np.testing.assert_allclose(surface.maps.metalness, 0.4, atol=1e-6)
-    assert surface.notes["roughness"] == "B_MetallicSmoothness.png (alpha, inverted)"
+    assert "(alpha, inverted)" in surface.notes["roughness"]
     assert surface.notes["metalness"] == "B_MetallicSmoothness.png (red)"
 
 
@@ -148,7 +149,7 @@ def test_exr_normals_are_read_signed_or_as_codes(tmp_path):
         exr(folder / "a_normal_gl.exr", stored)
         surface = read_surface(recognise(folder), 16)
         np.testing.assert_allclose(surface.maps.normal, expected, atol=1e-6)
-        assert ("stored from -1 to 1" in surface.notes["normal_gl"]) == name.startswith("signed")
+        assert ("-1 to" in surface.notes["normal_gl"]) == name.startswith("signed")
 
 
 def test_exr_heights_of_any_unit_are_scaled_by_the_normals(tmp_path, caplog):
@@ -163,12 +164,10 @@ def test_exr_heights_of_any_unit_are_scaled_by_the_normals(tmp_path, caplog):
         depth = 0.3 * (1 if name == "mm" else 0.01 * np.ptp(height))  # small lies in [0, 1]: white is at 1
         read = read_surface(recognise(folder), 64, depth=0.3).maps.height
         np.testing.assert_allclose(np.ptp(read), depth, rtol=1e-4)
-    assert "unknown unit" not in caplog.text
+    assert caplog.text == ""
     surface = read_surface(recognise(tmp_path / "mm"), 16)
     np.testing.assert_allclose(np.ptp(surface.maps.height), 0.02, rtol=1e-4)
-    assert (
-        "a_height.exr: heights from -24.9777 to 24.9777 of unknown unit: the relief is taken as 0.0200" in caplog.text
-    )
+    assert re.search(r"a_height\.exr: .*-24\.9777.*24\.9777.*0\.0200", caplog.text)
 
 
 @pytest.mark.parametrize("code", [127, 128])
@@ -205,8 +204,8 @@ def test_maps_are_given_by_hand(tmp_path, capsys):
     assert open_btf(tmp_path / "a.npz").provenance["maps"]["albedo"] == "photo.png"
     for wrong, message in (
         ("photo.png", "write MAP=FILE"),
-        ("colour=photo.png", "there is no map 'colour'"),
-        ("albedo=none.png", "there is no such file"),
+        ("colour=photo.png", "'colour'"),
+        ("albedo=none.png", "albedo=none.png: "),
     ):
         assert cli.main([*words, "--map", wrong]) == 2
         assert message in capsys.readouterr().err
@@ -215,9 +214,9 @@ def test_maps_are_given_by_hand(tmp_path, capsys):
 def test_what_is_not_recognised_is_a_warning(tmp_path, caplog):
     folder = save(tmp_path / "m", w_albedo=flat((0.5,) * 3), w_foo=flat(0.5), w_specular=flat(0.5))
     read_surface(recognise(folder), 8)
-    assert "w_foo.png: not used, not recognised" in caplog.text
-    assert "w_specular.png: not used, the specular workflow" in caplog.text
-    assert "the surface is flat" in caplog.text
+    assert "w_foo.png" in caplog.text
+    assert "w_specular.png" in caplog.text
+    assert "no normals" in caplog.text
 
 
 @pytest.mark.long
@@ -234,8 +233,7 @@ def test_bake_info_and_run_agree_on_a_folder_of_maps(tmp_path, capsys):
         said["bake"] = capsys.readouterr().err
         assert cli.main(["info", str(folder)]) == code
         said["info"] = capsys.readouterr().err
-    assert "none: no albedo among its files (photo.png): name one like albedo.png" in said["bake"]
-    assert "a BTF in pictures needs pairs.csv" in said["bake"]
+    assert re.search(r"none: .*photo\.png.*albedo\.png.*pairs\.csv", said["bake"])
     assert said["info"] == said["bake"]
     run = ["run", "quick", "--material", str(none), "--codec", "pca", "--out", str(tmp_path / "run")]
     assert cli.main(run) == 2
@@ -254,7 +252,7 @@ def test_a_profile_of_the_albedo_is_applied_and_not_of_data(tmp_path):
     surface = read_surface(recognise(folder), 8)
     np.testing.assert_allclose(surface.maps.base_colour, 128 / 255, atol=1e-6)
     np.testing.assert_allclose(surface.maps.roughness, 0.4, atol=1e-6)
-    assert surface.notes["albedo"] == "albedo.png: converted from gAMA 1"
+    assert surface.notes["albedo"].endswith("gAMA 1")
     assert open_svbrdf(folder, SMALL, silent).fingerprint != before
 
 
@@ -271,14 +269,14 @@ def test_a_second_packed_map_is_left_out_for_the_first(tmp_path):
         (tmp_path / f"{name}.png").touch()
     maps = recognise(tmp_path)
     assert set(maps.files) == {"albedo", "packed"}
-    assert maps.unused == {"a_MetallicSmoothness.png": "another file gives the same map"}
+    assert list(maps.unused) == ["a_MetallicSmoothness.png"]
 
 
 @pytest.mark.parametrize("metal", ["a_metallic", "a_ORM"])
 def test_a_base_colour_goes_before_a_diffuse_one_where_there_is_metalness(tmp_path, metal):
     for name in ("a_baseColor", "a_diffuse", "a_rough"):
         (tmp_path / f"{name}.png").write_text(name)
-    with pytest.raises(InputError, match=r"a_baseColor\.png and a_diffuse\.png"):
+    with pytest.raises(InputError, match=r"a_baseColor\.png.*a_diffuse\.png"):
         recognise(tmp_path)
     (tmp_path / f"{metal}.png").touch()
     maps = recognise(tmp_path)
@@ -295,26 +293,26 @@ def test_a_second_map_that_cannot_be_read_does_not_stand_in_the_way(tmp_path):
     (folder / "a_disp.png").write_bytes((folder / "a_height.png").read_bytes())  # the same file under another name
     assert recognise(folder).files["displacement"] == "a_disp.png"
     Image.fromarray(np.zeros((16, 16), np.uint8)).save(folder / "a_disp.png")
-    with pytest.raises(InputError, match=r"a_disp\.png and a_height\.png"):
+    with pytest.raises(InputError, match=r"a_disp\.png.*a_height\.png"):
         recognise(folder)
 
 
 def test_maps_in_a_folder_of_the_folder_are_found_and_named(tmp_path):
     save(tmp_path / "textures", rock_diff=flat((0.5, 0.5, 0.5)))
     for attempt in (recognise, open_btf):
-        with pytest.raises(InputError, match=f"maps lie in {tmp_path / 'textures'}: give that folder"):
+        with pytest.raises(InputError, match=str(tmp_path / "textures")):
             attempt(tmp_path)
 
 
 def test_folders_that_cannot_be_baked_are_explained(tmp_path):
     (tmp_path / "x_normal.png").touch()
-    with pytest.raises(InputError, match=r"no albedo .*x_normal\.png"):
+    with pytest.raises(InputError, match=r"albedo.*x_normal\.png"):
         recognise(tmp_path)
     for name in ("x_col_1.png", "x_col_2.png"):
         (tmp_path / name).write_text(name)
-    with pytest.raises(InputError, match=r"x_col_1\.png and x_col_2\.png"):
+    with pytest.raises(InputError, match=r"x_col_1\.png.*x_col_2\.png"):
         recognise(tmp_path)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="nothing: "):
         recognise(tmp_path / "nothing")
     assert looks_like_maps(tmp_path)
     (tmp_path / "dirs.lp").touch()
@@ -349,8 +347,8 @@ def test_dx_normals_and_depth_maps_are_told_by_each_other(tmp_path, dx, inverted
         "height": 1 - height if inverted else height,
     }
     surface = read_surface(recognise(save(tmp_path / "m", **maps)), 16)
-    assert ("down (DX), told" in surface.notes["normal"]) == dx
-    assert ("dark is high" in surface.notes["displacement"]) == inverted
+    assert ("(DX)" in surface.notes["normal"]) == dx
+    assert ("dark" in surface.notes["displacement"]) == inverted
     expected = 2 * normal - 1
     np.testing.assert_allclose(surface.maps.normal, expected / np.linalg.norm(expected, axis=-1)[..., None], atol=0.01)
     # The relief that made the normals was 0.05 widths deep; central differences and 8 bits blur it by 2 %.
@@ -364,9 +362,9 @@ def test_grooves_along_one_axis_leave_it_to_the_name(tmp_path):
     codes = (normal / np.linalg.norm(normal, axis=-1, keepdims=True) + 1) / 2
     maps = {"albedo": flat((0.5, 0.5, 0.5), 32), "height": height}
     surface = read_surface(recognise(save(tmp_path / "gl", **maps, normal_gl=codes)), 8)
-    assert "bright is high" in surface.notes["displacement"]
+    assert "bright" in surface.notes["displacement"]
     surface = read_surface(recognise(save(tmp_path / "dx", **maps, normal_dx=codes)), 8)
-    assert "dark is high" in surface.notes["displacement"]
+    assert "dark" in surface.notes["displacement"]
 
 
 def test_sixteen_bits_survive(tmp_path):
@@ -383,7 +381,7 @@ def test_packed_maps_and_depth_by_name(tmp_path):
     surface = read_surface(recognise(folder), 8)
     np.testing.assert_allclose(surface.maps.roughness, 0.6, atol=1e-6)
     np.testing.assert_allclose(surface.maps.metalness, 1.0, atol=1e-6)
-    assert "dark is high, depth 0.0200" in surface.notes["depth"]
+    assert re.search(r"dark.*0\.0200", surface.notes["depth"])
 
 
 def test_anisotropy_packed_as_in_gltf_and_apart(tmp_path):
@@ -437,13 +435,13 @@ def test_what_is_finished_is_counted_in_one_move_and_leaves_no_temporary(tmp_pat
     grown = Partial(tmp_path / "a.npz", "key", (3, 2, 2, 3))
     grown.add(np.ones((2, 2, 2, 3), np.float32))
     monkeypatch.setattr(os, "replace", Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(OSError, match="No space"):
         grown.add(np.ones((1, 2, 2, 3), np.float32))
     assert {path.name for path in grown.folder.iterdir()} == {"values.npy", "finished"}
     again = Partial(tmp_path / "a.npz", "key", (3, 2, 2, 3))
     assert (again.done, again.values[:2].min()) == (2, 1)
     monkeypatch.undo()
-    assert Partial(tmp_path / "a.npz", "of other settings", (3, 2, 2, 3)).done == 0
+    assert Partial(tmp_path / "a.npz", "other", (3, 2, 2, 3)).done == 0
 
 
 def test_a_folder_of_maps_is_a_material_and_is_baked_once(tmp_path, monkeypatch, caplog):
@@ -496,11 +494,11 @@ def test_a_suites_maps_are_path_traced_into_the_cache_and_resumed(tmp_path):
 def test_what_cannot_be_path_traced_is_refused(tmp_path):
     folder = save(tmp_path / "tiles", albedo=flat((0.5, 0.4, 0.3)), roughness=flat(0.4))
     data = replace(SMALL, renderer="mitsuba")
-    with pytest.raises(InputError, match="satin is built in"):
+    with pytest.raises(InputError, match=r"mitsuba.*satin"):
         open_named("satin", {"data.renderer": "mitsuba"})
     both = open_material(MaterialSpec("satin"), data, silent, 0, Tracer)  # a suite may have maps beside it
     assert both.fingerprint == open_material(MaterialSpec("satin"), SMALL, silent).fingerprint
-    with pytest.raises(InputError, match=r"neubtf-bench bake .*tiles --renderer mitsuba"):
+    with pytest.raises(InputError, match=r"bake.*tiles --renderer"):
         open_material(MaterialSpec("tiles", str(folder)), data, silent)
 
 
@@ -525,7 +523,7 @@ def test_scanned_materials_bake_upright(name):
         pytest.skip(f"{folder} is not there")
     surface = read_surface(recognise(folder), 16)
     assert surface.shape == ((8, 16) if name == "bricks" else (16, 16))
-    assert not any("DX" in text or "dark is high" in text for text in surface.notes.values())
+    assert not any("DX" in text or "dark" in text for text in surface.notes.values())
     up = np.array([[0.0, 0.0, 1.0]])
     albedo = box_filter(surface.maps.base_colour, SUB_POINTS)
     matt = replace(surface.maps, specular=0.0, metalness=0.0)
@@ -541,7 +539,6 @@ def test_a_bake_says_its_size_that_of_the_maps_and_what_all_texels_would_take(tm
         said = capsys.readouterr().out
         assert f"{size} × {size}" in said
         assert said.count("--size 32") == hints
-        assert said.count("of maps of 32 × 32") == hints
 
 
 def test_the_maps_of_a_folder_are_listed_once_and_as_words(tmp_path, capsys, caplog):
@@ -549,7 +546,7 @@ def test_the_maps_of_a_folder_are_listed_once_and_as_words(tmp_path, capsys, cap
     described = btf_lines(btf_fields(look(open_svbrdf(folder, SMALL, silent))))
     assert caplog.text.count("albedo.png") == 1
     assert "{" not in described
-    assert "albedo = albedo.png" in described
+    assert "albedo.png" in described
 
 
 def test_pairs_between_texels_are_baked_from_the_maps_moved_by_half_a_texel(tmp_path, monkeypatch):

@@ -61,9 +61,9 @@ def test_changes_that_cannot_be_made_are_named(btf, options):
 def test_nothing_that_is_there_is_lost_and_nothing_half_done_is_left(tmp_path, btf):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "note").touch()
-    with pytest.raises(InputError, match="not an empty folder"):
+    with pytest.raises(InputError, match="full: "):
         write_btf(btf, tmp_path / "full")
-    with pytest.raises(InputError, match="there is no such folder"):
+    with pytest.raises(InputError, match=r"a\.npz: .*folder"):
         write_btf(btf, tmp_path / "no" / "a.npz")
 
     btf.source.values[4, 0, 0] = np.nan
@@ -93,7 +93,7 @@ def test_convert_from_the_command_line(tmp_path, btf, capsys):
     write_btf(btf, tmp_path / "a.npz")
     words = ["convert", str(tmp_path / "a.npz"), "-o", str(tmp_path / "b"), "--crop", "0,0,8,8", "--downsample", "2"]
     assert cli.main(words) == 0
-    assert "30 slices of 4 × 4" in capsys.readouterr().out
+    assert "30 slices" in capsys.readouterr().out
     assert open_btf(tmp_path / "b").shape == (4, 4)
     assert cli.main(words) == 2
     with pytest.raises(SystemExit, match="2"):

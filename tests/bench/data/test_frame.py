@@ -63,4 +63,4 @@ def test_info_tells_the_frame_and_warns_of_a_mirrored_one(tmp_path, capsys):
 
     assert "explains 68%" in told(btf)
     assert "mirrored" in told(mirrored(btf)).partition("warning")[2]
-    assert "frame: not checked" in told(tiny_btf(8, 5, 5))  # too few pairs
+    assert "not checked" in told(tiny_btf(8, 5, 5))  # too few pairs

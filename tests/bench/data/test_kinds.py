@@ -84,7 +84,7 @@ def test_a_kind_of_one_file_is_opened_run_and_told_in_tables(board: Path, tmp_pa
 
 
 def test_what_a_kind_ignores_is_refused_and_its_test_pairs_are_drawn_anew(board: Path) -> None:
-    with pytest.raises(InputError, match=r"data\.views: every board has twelve pairs"):
+    with pytest.raises(InputError, match=r"data\.views: .*twelve"):
         open_named(str(board), {"data.views": "9"})
     spec = MaterialSpec("board", str(board))
     assert draw_of(spec, Preparation(), 3) == 3
@@ -103,5 +103,5 @@ def test_without_it_the_same_path_is_measured_data(tmp_path: Path) -> None:
 def test_the_library_takes_values_as_they_are(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     assert bench.open("satin", size=8, views=4, lights=4, heldout=3, validation=True).shape == (8, 8)
-    with pytest.raises(InputError, match=r"data\.size: must be a whole number"):
+    with pytest.raises(InputError, match=r"data\.size: "):
         bench.open("satin", size="8")

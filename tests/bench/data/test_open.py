@@ -1,4 +1,5 @@
 import logging
+import re
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from bench.inputs.errors import InputError, MissingDataError
 
 def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):
     monkeypatch.setenv("NEUBTF_DATA", "/no/such/data")
-    with pytest.raises(MissingDataError, match=r"f\.btf: .*NEUBTF_DATA=/no/such/data: ask UBO"):
+    with pytest.raises(MissingDataError, match=r"f\.btf: .*NEUBTF_DATA=/no/such/data: .*UBO"):
         open_material(MaterialSpec("f", "f.btf", "ask UBO"), Preparation(), silent)
     with pytest.raises(InputError, match=r"f\.btf: "):
         open_material(MaterialSpec("f", "f.btf"), Preparation(), silent)
@@ -24,11 +25,11 @@ def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):
 
 
 def test_a_name_that_no_record_or_file_of_results_can_hold_is_refused_in_one_line():
-    with pytest.raises(InputError, match=r"^data/bad\\udcff\.npz: its name is not UTF-8, .*: rename it$") as caught:
+    with pytest.raises(InputError, match=r"^data/bad\\udcff\.npz: .*UTF-8") as caught:
         open_named("data/bad\udcff.npz", {})
     assert str(caught.value).encode()  # the message can be recorded itself
     named("data/" + "a" * 196 + ".npz")
-    with pytest.raises(InputError, match=r"a\.npz: a name of 201 bytes leaves no room .*: rename it$"):
+    with pytest.raises(InputError, match=r"a\.npz: .*\b201\b"):
         named("data/" + "a" * 197 + ".npz")
 
 
@@ -108,7 +109,7 @@ def test_what_the_data_declare_held_out_stays_so_whatever_the_share(tmp_path, ca
     with caplog.at_level(logging.WARNING):
         opened = open_named(str(tmp_path / "a.npz"), {"data.holdout": "0"})
     assert len(opened.split().train) == 72
-    assert "a.npz: its data declare" in caplog.text
+    assert re.search(r"a\.npz: .*data\.holdout", caplog.text)
 
 
 @pytest.mark.parametrize("wrong", [{"validation": True}, {"split": "validation"}, {"holdout": 1}, {"holdout": -0.1}])
@@ -119,7 +120,7 @@ def test_a_share_to_hold_out_that_leaves_nothing_to_fit_or_to_choose_by_is_refus
 
 def test_rendered_materials_have_no_share_to_hold_out(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    with pytest.raises(InputError, match=r"data\.holdout: satin is rendered, .*: give data\.heldout"):
+    with pytest.raises(InputError, match=r"data\.holdout: satin.*data\.heldout"):
         open_named("satin", {"data.holdout": "0"})
     small = {"size": 8, "views": 4, "lights": 4, "heldout": 3}
     plain, other = (
@@ -175,7 +176,7 @@ def test_low_light_needs_a_place_beside_declared_pairs():
     btf = tiny_btf(4, 4, 4)
     with pytest.raises(ValueError, match="declared heldout"):
         BTF("a", btf.wo, btf.wi, btf.source, low_light=np.arange(16) == 3)
-    with pytest.raises(InputError, match="low_light must be at least 0"):
+    with pytest.raises(InputError, match=r"low_light.*-1"):
         Preparation(low_light=-1)
 
 
@@ -189,7 +190,7 @@ def test_pairs_between_texels_change_no_pair_and_no_fingerprint_and_no_fit_has_t
     for number, pair in enumerate(chosen.tolist()):
         assert not np.array_equal(between[number], btf[pair])
         assert between[number].mean() == pytest.approx(btf[pair].mean(), rel=1e-3)  # the same surface, moved
-    assert between.provenance["heldout"].startswith("3 of the 5 test pairs, draw 0")
+    assert re.findall(r"\d+", between.provenance["heldout"])[:3] == ["3", "5", "0"]
     np.testing.assert_array_equal(btf[:], plain[:])
     assert btf.fingerprint == plain.fingerprint
     assert btf.provenance == plain.provenance
@@ -197,5 +198,5 @@ def test_pairs_between_texels_change_no_pair_and_no_fingerprint_and_no_fit_has_t
     assert [other.between for other in others] == [None] * 5
     few = Preparation(**small | {"heldout": 2, "validation": False}, between=3)
     assert len(open_material(MaterialSpec("satin"), few, silent).between) == 2
-    with pytest.raises(InputError, match="between must be at least 0"):
+    with pytest.raises(InputError, match=r"between.*-1"):
         Preparation(between=-1)

@@ -1,3 +1,4 @@
+import re
 from itertools import combinations
 
 import numpy as np
@@ -67,7 +68,7 @@ def test_a_missing_cosine_is_suspected(btf):
     uneven = np.random.default_rng(0).uniform(0.9, 1, (len(btf), 1, 1, 1))
     matt = uneven * btf[0]
     (warning,) = look(like(btf, matt)).warnings()
-    assert "cosine seems to be missing" in warning
+    assert "cosine" in warning
     assert look(like(btf, matt * btf.wi[:, 2, None, None, None])).power == pytest.approx(1, abs=0.1)
 
 
@@ -91,8 +92,8 @@ def test_swapped_views_and_lights_are_told_from_a_missing_cosine(btf, gloss):
     brdf = np.random.default_rng(0).uniform(0.9, 1, (len(btf), 16, 16, 3)) * (cos_o * cos_i) ** gloss  # reciprocal
     assert look(like(btf, brdf * cos_i)).warnings() == []
     (warning,) = look(like(btf, brdf * cos_o)).warnings()
-    assert "views and lights seem to be swapped: exchange omega_o and omega_i" in warning
-    assert "cosine seems to be missing" not in warning
+    assert "swapped" in warning
+    assert "cosine" not in warning
 
 
 def test_theta_from_the_horizon_is_told_from_a_swap(btf):
@@ -102,7 +103,7 @@ def test_theta_from_the_horizon_is_told_from_a_swap(btf):
     for one in (btf, btf.subset(btf.layout.grid[0])):
         pairs = np.arange(len(one))
         (warning,) = look(like(one, (uneven * true_cos_i)[pairs])).warnings()
-        assert "measured from there: give 90 - theta" in warning
+        assert "horizon" in warning
         assert "swapped" not in warning
     (warning,) = look(like(btf, uneven * cos_o**0.9 / cos_i**0.1)).warnings()
     assert "swapped" in warning
@@ -156,11 +157,11 @@ def test_extremes_are_of_all_slices_or_the_reader_is_told(btf, monkeypatch, tmp_
     rng = np.random.default_rng(0)
     many = BTF("x", uniform(rng, 400), uniform(rng, 400), ArraySource(values))
     assert look(many).extremes[1] == pytest.approx(60.1)
-    assert "of all slices" in btf_lines(btf_fields(look(many)))
+    assert "all slices" in btf_lines(btf_fields(look(many)))
     monkeypatch.setattr(portrait, "SMALL", 100)
     seen = look(many)
     assert seen.read < 400
-    assert f"of {seen.read} of 400 slices" in btf_lines(btf_fields(seen))
+    assert f"{seen.read} of 400" in btf_lines(btf_fields(seen))
     monkeypatch.undo()
     values[396, 0, 0, 0] = np.nan
     np.savez(tmp_path / "a.npz", radiance=values, wo=many.wo, wi=many.wi)
@@ -180,40 +181,41 @@ def test_values_that_are_codes_are_named(btf, top):
 def test_with_one_view_a_missing_cosine_and_a_swap_are_both_named(btf):
     one = btf.subset(btf.layout.grid[0])
     (warning,) = look(like(one, 1 + np.zeros((9, 16, 16, 3)))).warnings()
-    assert "the light's cosine seems to be missing, or views and lights are swapped: look which" in warning
+    assert "cosine" in warning
+    assert "swapped" in warning
 
 
 def test_clipped_highlights_are_counted(btf):
     values = values_of(btf)
     limit = np.percentile(values, 95)
     (warning,) = look(like(btf, np.minimum(values, limit))).warnings()
-    assert f"exactly at the maximum, {limit:.4g}: highlights are clipped" in warning
+    assert f"{limit:.4g}: highlights" in warning
     assert look(like(btf, 0 * values + 0.5)).clipped == 0
+    # Of flat tiles a bright one is bright as a whole.
     tiles = np.where(np.arange(btf.shape[1]) < btf.shape[1] // 2, 1.0, 0.2)[None, None, :, None]
-    assert look(like(btf, values.mean((1, 2), keepdims=True) * tiles)).clipped == 0, "a flat tile is bright as a whole"
+    assert look(like(btf, values.mean((1, 2), keepdims=True) * tiles)).clipped == 0
 
 
 def test_negative_values_are_counted(btf):
     values = values_of(btf)
     values[:, 0, 0] = -0.5
-    assert "of the values are negative, the least -0.5" in look(like(btf, values)).warnings()[0]
+    assert re.search(r"negative.*-0\.5", look(like(btf, values)).warnings()[0])
     values[:, 0, 0] = -1e-6
     assert not any("negative" in warning for warning in look(like(btf, values)).warnings())
 
 
 def test_missing_pairs_of_a_product_are_counted(btf):
     (warning,) = look(btf.subset(range(78))).warnings()
-    assert warning == "3 pairs of the product of 9 views × 9 lights are missing"
+    assert re.search("3 pairs.*missing", warning)
     scattered = btf.subset(range(0, 81, 10))  # the diagonal: no product was meant
-    assert not any("missing of" in warning for warning in look(scattered).warnings())
+    assert not any("missing" in warning for warning in look(scattered).warnings())
 
 
 @pytest.mark.parametrize(("axis", "border"), [(1, "top–bottom"), (2, "left–right")])
 def test_a_seam_is_named_with_its_border(btf, axis, border):
     values = values_of(btf) * np.linspace(0.2, 1, 16).reshape([16 if a == axis else 1 for a in range(4)])
     (warning,) = look(like(btf, values, periodic=True)).warnings()
-    assert f"a seam at the {border} border" in warning
-    assert "although the data call it periodic" in warning
+    assert re.search(f"seam.*{border}.*periodic", warning)
 
 
 @pytest.mark.long
@@ -222,16 +224,16 @@ def test_info_repairs_and_takes_the_unit_of_angles_as_its_errors_suggest(tmp_pat
     values[0, 0, 0, 0] = np.nan
     np.savez(tmp_path / "a.npz", radiance=values, wo=btf.wo, wi=btf.wi)
     assert cli.main(["info", str(tmp_path / "a.npz")]) == 2
-    assert "mask them by --repair" in capsys.readouterr().err
+    assert "--repair" in capsys.readouterr().err
     assert cli.main(["info", str(tmp_path / "a.npz"), "--repair"]) == 0
-    assert "repaired: 1 values that were not finite" in capsys.readouterr().out
+    assert "repaired: 1" in capsys.readouterr().out
     angles = {"theta_deg": np.array([0.0, 1.5]), "phi_deg": np.array([0.0, 6.0])}
     np.savez(tmp_path / "b.npz", rgb_geomean=np.ones((2, 2, 3), np.float32), **angles)
     assert cli.main(["info", str(tmp_path / "b.npz")]) == 2
-    assert "say which they are by --radians or --degrees" in capsys.readouterr().err
+    assert "--radians or --degrees" in capsys.readouterr().err
     for unit in ("radians", "degrees"):
         assert cli.main(["info", str(tmp_path / "b.npz"), f"--{unit}"]) == 0
-        assert f"angles: taken as {unit}, as the user says" in capsys.readouterr().out
+        assert f"taken as {unit}" in capsys.readouterr().out
     converted = str(tmp_path / "c.npz")
     assert cli.main(["convert", str(tmp_path / "b.npz"), "--radians", "-o", converted]) == 0
     np.testing.assert_allclose(open_btf(converted).wi[1], from_angles(1.5, 6.0), atol=1e-6)
@@ -265,7 +267,7 @@ def test_info_counts_pairs_of_low_light_and_looks_at_none_of_them(tmp_path, monk
     small = {"size": 8, "views": 9, "lights": 9, "heldout": 4}
     plain, low = (btf_lines(btf_fields(look(load("satin", **small, low_light=count)))).split("\n") for count in (0, 5))
     (line,) = [line for line in low if line.startswith("low light: ")]
-    assert line.startswith("low light: 5 pairs, 5 views up to ")
+    assert "5 pairs, 5" in line
     low.remove(line)
     assert low == plain
 

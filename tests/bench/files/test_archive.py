@@ -33,7 +33,7 @@ def test_a_header_of_the_second_version_is_read_and_one_of_a_later_is_refused(tm
         with zipfile.ZipFile(tmp_path / f"{version[0]}.npz", "w") as archive, archive.open("plain.npy", "w") as entry:
             np.lib.format.write_array(entry, np.arange(5), version)
     np.testing.assert_array_equal(read_arrays(tmp_path / "2.npz", MAX_FILE)["plain"], np.arange(5))
-    with pytest.raises(InputError, match=r"plain\.npy: .*\(3, 0\)"):
+    with pytest.raises(InputError, match=r"plain\.npy.*\(3, 0\)"):
         read_arrays(tmp_path / "3.npz", MAX_FILE)
 
 

@@ -1,3 +1,4 @@
+import re
 import sys
 
 import pandas as pd
@@ -50,17 +51,17 @@ def test_nothing_measured_is_an_empty_frame(tmp_path):
     append(tmp_path, {"kind": "run", "run": "1"})
     assert bench.load_runs(tmp_path).empty
     assert cli.main(["history", str(tmp_path)]) == 4
-    with pytest.raises(InputError, match="none: no such folder"):
+    with pytest.raises(InputError, match=str(tmp_path / "none")):
         bench.load_runs([tmp_path, tmp_path / "none"])
 
 
 def test_a_line_that_cannot_be_read_is_warned_of(runs, capsys):
     with open(runs[0] / FILE, "a") as file:
         file.write('{"kind": "jo')
-    with pytest.warns(UserWarning, match=r"run20: 1 line\(s\) could not be read: 4"):
+    with pytest.warns(UserWarning, match="run20: 1 .*4$"):
         assert len(bench.load_runs(runs)) == 3
     assert cli.main(["history", *map(str, runs)]) == 0
-    assert "run20: 1 line(s) could not be read: 4" in capsys.readouterr().err
+    assert re.search("run20: 1 .*4$", capsys.readouterr().err, re.M)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -77,7 +78,7 @@ def test_without_pyarrow_parquet_says_what_to_install(runs, tmp_path, monkeypatc
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     out = tmp_path / "all.parquet"
     assert cli.main(["history", *map(str, runs), "--out", str(out)]) == 2
-    assert "pip install 'neubtf-bench[parquet]'" in capsys.readouterr().err
+    assert "neubtf-bench[parquet]" in capsys.readouterr().err
     assert not list(tmp_path.glob("*.parquet*"))
 
 

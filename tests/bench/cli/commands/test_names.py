@@ -55,7 +55,7 @@ def test_of_a_material_that_is_chosen_for(hostile, tmp_path, brief_trade, capsys
     assert cli.main([*words, "--max-bytes", "1M"]) == 0
     assert f"\nwrote {WRITTEN_OUT}.nbtf\n" in said(capsys)
     assert cli.main([*words, "--min-psnr", "99"]) == 1
-    assert f"{WRITTEN_OUT}.npz: no setting meets that" in said(capsys)
+    assert f"{WRITTEN_OUT}.npz: " in said(capsys)
 
 
 CODEC = '''

@@ -104,7 +104,7 @@ def test_no_two_draws_share_a_pair_and_validation_pairs_are_one_draw():
     assert len(set.union(*everything)) == sum(map(len, everything))
     assert drawn(split="validation", draw=1) == drawn("brick", split="validation")
     assert drawn(split="test", draw=1) == tests[1]
-    with pytest.raises(InputError, match="test or validation, not 'tset'"):
+    with pytest.raises(InputError, match=r"split.*'tset'"):
         Preparation(split="tset")
 
 
@@ -131,5 +131,5 @@ def test_highlights_beyond_half_precision_are_kept_in_single():
 def test_names_counts_and_sets_that_do_not_exist_are_refused(bad):
     with pytest.raises(InputError):
         materials.load("satin", **SMALL | bad)
-    with pytest.raises(InputError, match="did you mean 'cable-knit'"):
+    with pytest.raises(InputError, match="'cable-knit'"):
         materials.load("cable_knit")

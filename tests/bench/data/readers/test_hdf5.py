@@ -1,3 +1,4 @@
+import re
 import sys
 
 import numpy as np
@@ -48,20 +49,20 @@ def test_the_file_of_random_directions_beside_it_is_the_test_split(refused, full
     np.testing.assert_allclose(opened.wo[12:], wo, atol=1e-6)
     np.testing.assert_array_equal(opened[13], pictures[5])
     np.testing.assert_array_equal(opened.crop(1, 2, 2, 3)[14], pictures[6, 1:3, 2:5])
-    assert opened.provenance["heldout"] == f"the 3 pairs of {heldout.name}"
+    assert re.search(rf"\b3\b.*{heldout.name}", opened.provenance["heldout"])
     assert opened.fingerprint != open_btf(heldout).fingerprint
     assert len(open_btf(heldout)) == 3
     samples.write_hdf5(heldout, wo, wi, pictures[4:7, :3])
-    refused(full, "6 x 3, those of .*full.* 6 x 5", heldout)
+    refused(full, "6 x 3.*full.* 6 x 5", heldout)
     samples.write_hdf5(heldout, btf.wo[:1], btf.wi[:1], pictures[:1])
     refused(full, "pair 0: .*full.*: pair 0", heldout)
 
 
 def test_a_file_above_a_limit_is_told_which(refused, full, monkeypatch):
     monkeypatch.setattr(hdf5, "MAX_PIXELS", 29)
-    refused(full, "too large: the limit is 29 pixels")
+    refused(full, "29 pixels")
     monkeypatch.setattr(hdf5, "MAX_PAIRS", 11)
-    refused(full, "too large: the limit is 11 pairs")
+    refused(full, "11 pairs")
 
 
 @pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
@@ -100,12 +101,12 @@ COLOUR, LIGHT = KEYS[0], KEYS[2]
 @pytest.mark.parametrize(
     ("key", "change", "message"),
     [
-        (LIGHT, None, "no data set"),
-        (LIGHT, h5py.ExternalLink("/etc/passwd", "/x"), "is a link to /x in the file /etc/passwd: copy"),
-        (LIGHT, h5py.SoftLink("/ground_camera_dir"), "is a link to /ground_camera_dir: copy"),
-        (LIGHT, h5py.SoftLink("/nowhere"), "is a link to /nowhere: copy"),
-        (LIGHT, {"shape": (12, 2)}, "no value was ever written"),
-        (COLOUR, {"shape": (12, 5, 6, 3), "chunks": (1, 5, 6, 3)}, "no value was ever written"),
+        (LIGHT, None, "data set"),
+        (LIGHT, h5py.ExternalLink("/etc/passwd", "/x"), "link.*/x.*/etc/passwd"),
+        (LIGHT, h5py.SoftLink("/ground_camera_dir"), "link.*/ground_camera_dir"),
+        (LIGHT, h5py.SoftLink("/nowhere"), "link.*/nowhere"),
+        (LIGHT, {"shape": (12, 2)}, "written"),
+        (COLOUR, {"shape": (12, 5, 6, 3), "chunks": (1, 5, 6, 3)}, "written"),
         (COLOUR, half_written, "8 of the 12 chunks"),
         (LIGHT, virtual, "other files"),
         (LIGHT, {"shape": (12, 2), "external": [("/etc/passwd", 0, 96)]}, "other files"),
@@ -115,14 +116,14 @@ COLOUR, LIGHT = KEYS[0], KEYS[2]
         (LIGHT, np.zeros((11, 2), "f4"), r"\(11, 2\)"),
         (LIGHT, np.zeros((12, 5, 6, 2), "f2"), r"\(12, 5, 6, 2\)"),  # for each pixel, as NeuMIP's generator
         (KEYS[1], np.zeros((12, 5, 6, 2), "f2"), r"\(12, 5, 6, 2\)"),
-        (LIGHT, np.full((12, 2), np.nan, "f4"), "not a unit vector"),
-        (LIGHT, np.full((12, 2), 0.9, "f4"), "not a unit vector"),
+        (LIGHT, np.full((12, 2), np.nan, "f4"), "unit vector"),
+        (LIGHT, np.full((12, 2), 0.9, "f4"), "unit vector"),
         (LIGHT, np.tile([1.0, 0], (12, 1)), "not above"),
         (LIGHT, np.zeros((12, 2), "f4"), None),
         (LIGHT, h5py.Empty("f4"), "None float32"),
-        (COLOUR, {"shape": (12, 1 << 20, 1 << 20, 3), "chunks": (1, 64, 64, 3)}, "more than its bytes"),
-        (LIGHT, {"shape": (1 << 40, 2), "chunks": (64, 2)}, "more than its bytes"),
-        (COLOUR, {"shape": (12, 1 << 12, 1 << 12, 3), "chunks": (12, 1 << 12, 1 << 12, 3)}, "more than its bytes"),
+        (COLOUR, {"shape": (12, 1 << 20, 1 << 20, 3), "chunks": (1, 64, 64, 3)}, "bytes"),
+        (LIGHT, {"shape": (1 << 40, 2), "chunks": (64, 2)}, "bytes"),
+        (COLOUR, {"shape": (12, 1 << 12, 1 << 12, 3), "chunks": (12, 1 << 12, 1 << 12, 3)}, "bytes"),
     ],
 )
 def test_a_file_that_is_no_btf_is_an_error_with_the_name_of_the_data_set(refused, full, key, change, message):

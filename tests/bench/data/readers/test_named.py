@@ -93,7 +93,7 @@ NAME = "set/tv000_pv000/00000 tl000 pl000 tv000 pv000.jpg"
     [
         (["../" + NAME], "leads out"),
         (["/" + NAME], "leads out"),
-        ([NAME, NAME.replace("tl000", "tl091")], "tl091 .*theta of the light"),
+        ([NAME, NAME.replace("tl000", "tl091")], "tl091.*theta"),
         ([NAME, NAME.replace("pv000.jpg", "pv999.jpg")], "phi of the view"),
         ([NAME, NAME.replace("set/", "copy/")], "copy"),
         (["a.txt", "b.txt"], r"a\.txt, b\.txt"),
@@ -109,13 +109,13 @@ def test_archives_that_are_damaged_or_claim_what_they_do_not_hold_are_refused(re
         path.write_bytes(path.read_bytes().replace(len(data).to_bytes(4, "little"), claim.to_bytes(4, "little")))
         return path
 
-    refused(resized(bytes(100_000), 1 << 30), "claims 1073741824 bytes")
+    refused(resized(bytes(100_000), 1 << 30), "1073741824")
     data = jpeg(samples, tmp_path)
-    with pytest.raises(InputError, match="size or checksum"):
+    with pytest.raises(InputError, match="checksum"):
         open_btf(resized(data, len(data) - 100))[0]
     path = write(tmp_path / "a.zip", {NAME: data})
     path.write_bytes(path.read_bytes()[:-30])
-    refused(path, "damaged or incomplete")
+    refused(path, "incomplete")
     samples.save(tmp_path / "p.exr", samples.picture(0))
     path = write(tmp_path / "b.zip", {"tl000_pl000_tv000_pv000.exr": (tmp_path / "p.exr").read_bytes()})
     with pytest.raises(InputError, match="extract"):

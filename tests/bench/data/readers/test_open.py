@@ -38,10 +38,10 @@ def test_a_reader_is_chosen_by_content_and_splits_are_disjoint(samples, tmp_path
 
 def test_unknown_files_and_folders_say_what_was_seen(refused, tmp_path):
     refused(tmp_path, "nothing")
-    refused(tmp_path / "missing", "no such file")
+    refused(tmp_path / "missing", "missing: ")
     for content in (b"\x89PNG\r\n\x1a\n", b"", b"hello"):
         (tmp_path / "a.btf").write_bytes(content)
-        refused(tmp_path / "a.btf", re.escape(f"begins with {content!r}"))
+        refused(tmp_path / "a.btf", re.escape(repr(content)))
 
 
 def test_a_reader_is_one_file_and_one_line(refused, tmp_path, monkeypatch):
@@ -58,4 +58,4 @@ def test_a_reader_is_one_file_and_one_line(refused, tmp_path, monkeypatch):
     np.testing.assert_allclose(btf[1], [[[0.2, 0.3, 0.4]]])
     (tmp_path / "bad.txt").write_text("colours\n0 0 1 0 0 1 .1 .2\n")
     refused(tmp_path / "bad.txt", r"bad\.txt")
-    refused(tmp_path / "none", r"give .*a file of colours")
+    refused(tmp_path / "none", r"none: .*colours")

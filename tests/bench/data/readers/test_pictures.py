@@ -154,7 +154,7 @@ def test_a_png_whose_orientation_stands_behind_its_pixels_is_refused(tmp_path, n
         png.Writer(9, 7, bitdepth=bits, greyscale=False).write(stream, CODES.reshape(7, -1))
     plain = (tmp_path / "a.png").read_bytes()
     (tmp_path / "a.png").write_bytes(png_with(name, content, b"IEND")(plain))
-    with pytest.raises(InputError, match=r"a\.png: notes behind its pixels .*: save it upright"):
+    with pytest.raises(InputError, match=r"a\.png: .*upright"):
         read(tmp_path / "a.png")
     (tmp_path / "a.png").write_bytes(png_with(b"tEXt", b"Software\0x", b"IEND")(plain))
     assert read(tmp_path / "a.png").shape == (7, 9, 3)
@@ -224,7 +224,7 @@ def test_exr_channels_of_mixed_types_are_read_each_as_its_own_or_refused_by_name
     exr(tmp_path / "a.exr", colours | {"A": plane.astype(np.float16), "id": plane.astype(np.uint32)})
     np.testing.assert_array_equal(read(tmp_path / "a.exr"), np.stack([plane, plane, plane / 2], -1))
     exr(tmp_path / "b.exr", colours | {"B": plane.astype(np.uint32)})
-    with pytest.raises(InputError, match=r"^.*b\.exr: channel B is not full-size half or float: save it as .*$"):
+    with pytest.raises(InputError, match=r"b\.exr: .*\bB\b"):
         read(tmp_path / "b.exr")
 
 
@@ -236,20 +236,20 @@ def test_a_truncated_exr_is_named_wherever_it_ends(tmp_path, capfd, name):
     assert read(tmp_path / "a.exr").shape == (70, 20, 3)
     for length in (len(whole) - 1, len(whole) // 2, 420):
         (tmp_path / "a.exr").write_bytes(whole[:length])
-        with pytest.raises(InputError, match=rf"^.*a\.exr: its pixels end early \({length:,} bytes\): .*truncated.*$"):
+        with pytest.raises(InputError, match=rf"a\.exr: .*{length:,} bytes.*truncated"):
             read(tmp_path / "a.exr")
-    assert capfd.readouterr() == ("", ""), "the library says nothing besides"
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_jpeg_of_12_bits_or_without_loss_is_refused_by_that_word(tmp_path):
     Image.fromarray(CODES).save(tmp_path / "a.jpg")
     whole = (tmp_path / "a.jpg").read_bytes()
     frame = whole.index(b"\xff\xc0")
-    for marker, bits, message in ((0xC1, 12, "12 bits a channel"), (0xC3, 8, "lossless")):
+    for marker, bits, message in ((0xC1, 12, "12 bits"), (0xC3, 8, "lossless")):
         changed = bytearray(whole)
         changed[frame + 1], changed[frame + 4] = marker, bits
         (tmp_path / "a.jpg").write_bytes(changed)
-        with pytest.raises(InputError, match=rf"a\.jpg: .*{message}.*: save it with 8 bits"):
+        with pytest.raises(InputError, match=rf"a\.jpg: .*{message}.*8 bits"):
             picture_size(FolderFiles(tmp_path), "a.jpg")
 
 

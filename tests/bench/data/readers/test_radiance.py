@@ -63,12 +63,12 @@ def test_stated_factors_are_divided_out(tmp_path, lines, factors):
 @pytest.mark.parametrize(
     ("change", "remedy"),
     [
-        (lambda data: data.replace(b"\n", b"\r\n"), "as binary data"),
-        (lambda data: data.replace(b"FORMAT=32-bit_rle_rgbe\n", b""), "add the line FORMAT=32-bit_rle_rgbe"),
-        (lambda data: data.replace(b"FORMAT", b"GAMMA=2.2\nFORMAT"), "save it as linear"),
+        (lambda data: data.replace(b"\n", b"\r\n"), "binary"),
+        (lambda data: data.replace(b"FORMAT=32-bit_rle_rgbe\n", b""), "FORMAT=32-bit_rle_rgbe"),
+        (lambda data: data.replace(b"FORMAT", b"GAMMA=2.2\nFORMAT"), "GAMMA"),
         (lambda data: data.replace(b"FORMAT", b"EXPOSURE=-1\nFORMAT"), "EXPOSURE is -1"),
         (lambda data: data.replace(b"FORMAT", b"COLORCORR=1 0 1\nFORMAT"), "COLORCORR is 1 0 1"),
-        (lambda data: data.replace(b"FORMAT", b"COLORCORR=1 1\nFORMAT"), "not 3 numbers"),
+        (lambda data: data.replace(b"FORMAT", b"COLORCORR=1 1\nFORMAT"), "'1 1'"),
         (lambda data: data.replace(b"FORMAT", b"PRIMARIES=0.3 0.3 0.3 0.3 0.3 0.3 0.3 0.3\nFORMAT"), "PRIMARIES"),
     ],
 )

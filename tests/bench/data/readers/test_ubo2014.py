@@ -91,22 +91,22 @@ BODY = SIZE + 12
 @pytest.mark.parametrize(
     ("offset", "data", "message"),
     [
-        (0, b"!PVF06FCRx", "!PVF06FC is known but not read"),
-        (0, b"!NEWFORMAT", r"unknown signature b'!NEWFORMAT'"),
-        (HEAD, struct.pack("<I", 7), "the header says it has 7 bytes, but it has 291"),
-        (HEAD + 4, struct.pack("<I", 5), "header version 5: versions 1 to 4 are read"),
-        (DIRECTIONS - 19, struct.pack("<I", 4), "4 channels: three are read"),
-        (DIRECTIONS, struct.pack("<I", 0xFFFFFFFF), "4294967295 views of 2 lights needs 120259084260 bytes"),
-        (DIRECTIONS, struct.pack("<I", 0), "0 views of 2 lights"),
-        (DIRECTIONS + 4, struct.pack("<f", 2.0), r"view 0: theta = 114\.592 degrees is outside \[0, 90\)"),
-        (DIRECTIONS + 4, struct.pack("<2f", *VIEWS[1]), "view 1: it has the same view and light as .*view 0"),
-        (DIRECTIONS + 4 + 28 + 12, b"\0", "the lights of view 1 differ from those of view 0: only a product"),
-        (SIZE, struct.pack("<I", 0xFFFFFFFF), "channel 0: 6 x 20 factors; directions and size need 6 x 17179869180"),
-        (SIZE + 8, struct.pack("<I", 0xFFFFFFFF), "4294967295 rotations needs 154618822620 bytes, .* truncated"),
-        (BODY + 4, struct.pack("<i", 7), "colour model 7: models 0, 11, 12 are read"),
-        (BODY + 56, b"\3", "channel 0: rank 3 in scalars of 3 bytes"),
+        (0, b"!PVF06FCRx", "!PVF06FC .*known"),
+        (0, b"!NEWFORMAT", "b'!NEWFORMAT'"),
+        (HEAD, struct.pack("<I", 7), "header.* 7 bytes.* 291"),
+        (HEAD + 4, struct.pack("<I", 5), "header version 5: .*4"),
+        (DIRECTIONS - 19, struct.pack("<I", 4), "4 channels"),
+        (DIRECTIONS, struct.pack("<I", 0xFFFFFFFF), "4294967295 views.* 120259084260 bytes"),
+        (DIRECTIONS, struct.pack("<I", 0), "0 views"),
+        (DIRECTIONS + 4, struct.pack("<f", 2.0), r"view 0: .*114\.592.*90"),
+        (DIRECTIONS + 4, struct.pack("<2f", *VIEWS[1]), "view 1: .*view 0"),
+        (DIRECTIONS + 4 + 28 + 12, b"\0", "lights of view 1 .*view 0"),
+        (SIZE, struct.pack("<I", 0xFFFFFFFF), "channel 0: 6 x 20 .*6 x 17179869180"),
+        (SIZE + 8, struct.pack("<I", 0xFFFFFFFF), "4294967295 rotations.* 154618822620 bytes"),
+        (BODY + 4, struct.pack("<i", 7), "model 7: .*0, 11, 12"),
+        (BODY + 56, b"\3", "channel 0: rank 3 .*3 bytes"),
         (BODY + 57, struct.pack("<I", 0), "channel 0: rank 0"),
-        (BODY + 57, struct.pack("<I", 0x7FFFFFFF), "channel 0: S needs 4294967294 bytes"),
+        (BODY + 57, struct.pack("<I", 0x7FFFFFFF), "channel 0: S .*4294967294"),
     ],
 )
 def test_damaged_headers_name_file_and_offset(refused, tmp_path, offset, data, message):
@@ -137,7 +137,7 @@ def test_values_that_overflow_are_named_when_read(tmp_path):
     given = factors(np.random.default_rng(1))
     given[0][0][4] = 1e4  # log luminance of the fifth pair
     write_ubo2014(tmp_path / "a.btf", VIEWS, LIGHTS, SHAPE, given, scalar=4)
-    with pytest.raises(InputError, match="slice of pair 4"):  # though others are read with it
+    with pytest.raises(InputError, match="pair 4"):  # though others are read with it
         list(open_btf(tmp_path / "a.btf"))
 
 
