@@ -79,7 +79,8 @@ def run(options: argparse.Namespace) -> int:
     text = table_text(folders, options.format, kind, chosen, options.all)
     if not text.strip():
         names = ", ".join(map(str, folders))
-        print(f"neubtf-bench: {visible(names)}: no such table: {WHY_EMPTY[kind or 'main']}", file=sys.stderr)
+        name = f"table {kind}" if kind else "table"
+        print(f"neubtf-bench: {visible(names)}: no {name}: {WHY_EMPTY[kind or 'main']}", file=sys.stderr)
         return FINE if kind == "unfinished" else NOTHING
     print(text)
     return FINE

@@ -75,12 +75,12 @@ def header(data: bytes, label: str) -> Header | None:
     exposures = [float(value) for value in values.get("EXPOSURE", [])]
     ignored = ["EXPOSURE=0"] if 0 in exposures else []  # some writers put 0 where they know none
     exposure = float(np.prod([value for value in exposures if value != 0]))  # 1 without any
-    corrections = [_numbers(value, 3) for value in values.get("COLORCORR", [])]
+    corrections = [_numbers("COLORCORR", value, 3) for value in values.get("COLORCORR", [])]
     correction = np.prod([(1.0, 1.0, 1.0), *corrections], axis=0)
     for key, factors in (("EXPOSURE", np.array([exposure])), ("COLORCORR", correction)):
         if not (np.isfinite(factors) & (factors > 0)).all():
             raise ValueError(f"{key} is {' '.join(f'{factor:g}' for factor in factors)}")
-    primaries = [_numbers(value, 8) for value in values.get("PRIMARIES", [])]
+    primaries = [_numbers("PRIMARIES", value, 8) for value in values.get("PRIMARIES", [])]
     if any(other != primaries[0] for other in primaries):
         raise InputError(f"{label}: PRIMARIES stands twice, with different numbers: leave the line that is right")
     size = data[end + 2 : line_end].decode("latin-1").split()
@@ -98,11 +98,11 @@ def header(data: bytes, label: str) -> Header | None:
     )
 
 
-def _numbers(value: str, count: int) -> tuple[float, ...]:
-    """The `count` numbers of a line's value; `ValueError` if there are fewer or more."""
+def _numbers(key: str, value: str, count: int) -> tuple[float, ...]:
+    """The `count` numbers of a line's value; `ValueError` with its key if there are fewer or more."""
     numbers = tuple(float(word) for word in value.split())
     if len(numbers) != count:
-        raise ValueError(f"{value[:60]!r} are not {count} numbers")
+        raise ValueError(f"{key} {value[:60]!r} are not {count} numbers")
     return numbers
 
 

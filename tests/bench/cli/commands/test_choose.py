@@ -237,6 +237,7 @@ def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys)
         (["--codec", "pca", "--steps", "20"], "--steps 20: "),
         (["--steps", "-1"], "--steps -1: "),
         (["--jobs", "-1"], "--jobs -1: "),
+        (["--max-ns", "0"], "--max-ns 0: "),
     ],
 )
 def test_options_that_make_no_sense_are_bad_usage(words, message, tmp_path, capsys):
