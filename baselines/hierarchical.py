@@ -247,9 +247,9 @@ class HierarchicalObjective(NeuMIPObjective):
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of patches, squares of texels that share two directions.
 
-        It is the distance of log radiance, or with `loss=root` of fourth roots of radiance × exposure. From
-        `GRADIENT_FROM` of the steps on, the mean squared error of its `gradients` is added, times the setting
-        `gradient`.
+        It is the distance of log radiance by the setting `loss`, or with `loss=root` of fourth roots of radiance ×
+        exposure. From `GRADIENT_FROM` of the steps on, the mean squared error of its `gradients` is added, times the
+        setting `gradient`.
         """
         settings = self.settings
         patch = self.settings.patch
@@ -259,7 +259,7 @@ class HierarchicalObjective(NeuMIPObjective):
         if coarse:
             level = int(torch.randint(1, len(self.levels), (), generator=generator))
             patches.append(self._patches(level, coarse, generator))
-        uv, wo, wi, levels, targets = zip(*patches, strict=True)  # of each the tensors of all levels
+        uv, wo, wi, levels, targets, pairs = zip(*patches, strict=True)  # of each the tensors of all levels
         queries = torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(levels)
         target = torch.cat(targets)
         ours = self.networks.pictures(self.pyramid, self.textures(progress), queries, patch)  # gain · radiance
@@ -267,6 +267,10 @@ class HierarchicalObjective(NeuMIPObjective):
             ours = (ours / LOG_SCALE).clamp_min(DARKEST) ** 0.25
             target = (target.expm1() / LOG_SCALE).clamp_min(DARKEST) ** 0.25
             loss = distance(ours, target, "l1")
+        elif settings.loss == "display":
+            ours = log_of(ours)
+            pair_of_texel = torch.cat(pairs).repeat_interleave(patch**2)
+            loss = self.distance(ours.flatten(0, 2), target.flatten(0, 2), pair_of_texel, progress)
         else:
             ours = log_of(ours)
             loss = distance(ours, target, settings.loss)
@@ -277,8 +281,8 @@ class HierarchicalObjective(NeuMIPObjective):
     def _patches(self, level: int, count: int, generator: torch.Generator) -> tuple[Tensor, ...]:
         """Random patches of S × S texels of a level, which wrap around its borders.
 
-        Returns uv (count, 2) of their middles, wo and wi (count, 3), the level (count,), and the data, log radiance
-        (count, S, S, 3).
+        Returns uv (count, 2) of their middles, wo and wi (count, 3), the level (count,), the data, log radiance
+        (count, S, S, 3), and the pair of directions (count,).
         """
         samples = self.levels[level]
         patch = self.settings.patch
@@ -295,7 +299,7 @@ class HierarchicalObjective(NeuMIPObjective):
         col = (first_col[:, None] + along).remainder(width)  # (n, S)
         texels = (row[:, :, None] * width + col[:, None]).flatten()  # (n · S²,)
         target = samples.seen(texels, corner.pair.repeat_interleave(patch**2)).target
-        return middle, wo, wi, levels, target.unflatten(0, (count, patch, patch))
+        return middle, wo, wi, levels, target.unflatten(0, (count, patch, patch)), corner.pair
 
 
 def gradients(pictures: Tensor) -> Tensor:
@@ -383,5 +387,5 @@ class Hierarchical(NeuMIP):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, start, Adam, blur, loss, rate and batch
         octaves: Octaves = 0  # octaves of the sines of each of these inputs; 0: the inputs themselves
         places: Octaves = 10  # octaves of the sines of u and of v; those that texels cannot show are 0
-        loss: Literal["both", "l1", "root"] = "both"  # log errors; or the absolute error of fourth roots, as published
+        loss: Literal["both", "l1", "display", "root"] = "both"  # "root": the published error of fourth roots
         gradient: NotNegative = 0.0  # weight of the squared error of Sobel gradients, from a quarter of the steps on

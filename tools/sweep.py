@@ -50,7 +50,7 @@ OWN: dict[str, list[dict[str, Any]]] = {
     "triple-plane": [{"plane_rate": 5e-3}, {"blur": 2.5}],
 }
 START = {"neubtf": "encoder", "rainer2019": "encoder"}  # of others, whose start is mixed: components
-LOSSES = {"relief": ("l1", "both"), "neubtf": ("l1", "l2"), "hierarchical": ("l1", "root")}  # beside the default
+LOSSES = {"relief": ("l1", "both"), "neubtf": ("l1", "l2")}  # beside the default
 
 
 def trials(codec: str) -> list[dict[str, Any]]:

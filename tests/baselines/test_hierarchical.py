@@ -140,7 +140,7 @@ def test_a_patch_of_the_fit_is_what_its_texels_answer_one_by_one(level: int) -> 
     fitting = codec.objective(levels, codec.settings, fit.generator())
     assert isinstance(fitting, HierarchicalObjective)
     training.train(fitting, fit, 10)
-    middle, wo, wi, _, target = fitting._patches(level, 5, fit.generator())
+    middle, wo, wi, _, target, pairs = fitting._patches(level, 5, fit.generator())
     with torch.no_grad():
         textures = fitting.textures(1.0)
         whole = torch.full((5,), level)
@@ -155,6 +155,7 @@ def test_a_patch_of_the_fit_is_what_its_texels_answer_one_by_one(level: int) -> 
     side = 8 >> level
     for each in range(5):
         pair = int(((fitting.samples.wo == wo[each]) & (fitting.samples.wi == wi[each])).all(1).nonzero()[0])
+        assert pair == pairs[each]
         col, row = (middle[each, 0] * side - 0.5).round().long(), ((1 - middle[each, 1]) * side - 0.5).round().long()
         truth = levels[level].slices(torch.tensor([pair]))[:, 0].unflatten(0, (side, side))
         wanted = truth.roll((1 - int(row), 1 - int(col)), (0, 1))[:3, :3]
@@ -168,3 +169,16 @@ def test_gradients_are_sobels() -> None:
         smooth, along = [1.0, 2.0, 1.0], [-1.0, 0.0, 1.0]
         expected = convolve1d(convolve1d(picture, along, axis), smooth, 3 - axis)[:, 1:-1, 1:-1]
         np.testing.assert_allclose(np.moveaxis(found[:, :, direction], 1, -1), expected, atol=1e-12)
+
+
+def test_the_loss_as_displayed_weights_each_direction_by_its_error() -> None:
+    btf, fit = tiny_btf(), Fit()
+    codec = Hierarchical(**SMALL, patch=3, loss="display", **EXACT)
+    levels = Samples.levels(btf, 1, gain_of(btf, fit), fit)
+    fitting = codec.objective(levels, codec.settings, fit.generator())
+    assert fitting.display_loss is not None
+    fitting.loss(fit.generator(), 1.0).backward()
+    counted = fitting.display_loss.count  # texels that were drawn at each pair of directions
+    assert counted.sum() == codec.settings.batch // 9 * 9
+    assert all(texels % 9 == 0 for texels in counted)
+    assert all(parameter.grad is not None for parameter in fitting.networks.parameters())
