@@ -108,7 +108,7 @@ def test_a_file_of_no_level_or_of_too_many_is_refused(levels: int) -> None:
     codec = NeuMIP(steps=1, batch=256)
     parts = codec.encode(tiny_btf(), Fit())
     parts.other["levels"] = torch.tensor([levels], dtype=torch.uint8)
-    with pytest.raises(ValueError, match=f"a pyramid of {levels} levels over 8 × 8 texels"):
+    with pytest.raises(ValueError, match=f"{levels} levels .*8 × 8 "):
         codec.decode(parts, torch.device("cpu"))
 
 

@@ -26,5 +26,5 @@ def test_errors_as_displayed_are_for_free_latents() -> None:
     shown = codec(loss="display").encode(tiny_btf(), Fit())
     plain = codec().encode(tiny_btf(), Fit())
     assert any(not shown.decoder[name].equal(plain.decoder[name]) for name in plain.decoder)
-    with pytest.raises(InputError, match="start=encoder has a loss of its own"):
+    with pytest.raises(InputError, match=r"start=encoder .*loss"):
         codec(start="encoder", loss="display")

@@ -47,7 +47,7 @@ def test_the_numbers_that_are_declared_are_those_that_its_decoder_holds(btf: BTF
 
 
 def test_a_texture_without_channels_is_refused() -> None:
-    with pytest.raises(InputError, match="relief needs a channel"):
+    with pytest.raises(InputError, match=r"relief .*channel"):
         Relief(latents=0, half=0, quarter=0)
     assert fitted(tiny_btf(), latents=0, half=0, quarter=3).cost.texture_channels == 0
 

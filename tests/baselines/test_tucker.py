@@ -87,10 +87,10 @@ def test_a_file_whose_pairs_name_a_direction_without_components_is_refused(side:
     parts = codec.encode(tiny_btf(), Fit())
     (name,) = (name for name in parts.decoder if name.startswith(side))
     damaged = replace(parts, decoder={**parts.decoder, name: parts.decoder[name][:-1]})
-    with pytest.raises(ValueError, match="its pairs name a view or light that it has no components of"):
+    with pytest.raises(ValueError, match="view or light"):
         codec.decode(damaged, torch.device("cpu"))
     damaged = replace(parts, decoder={**parts.decoder, name: parts.decoder[name][:, :-1]})
-    with pytest.raises(ValueError, match=r"its core is .* but its factors need"):
+    with pytest.raises(ValueError, match=r"core.*factors"):
         codec.decode(damaged, torch.device("cpu"))
 
 

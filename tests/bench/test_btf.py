@@ -57,7 +57,7 @@ def test_finite_values_beyond_float32_are_refused_as_such_however_they_are_read(
     source = ArraySource(values)
     one = np.array([3]), np.array([1]), np.array([0])
     for read in (lambda: source.slice(3), lambda: source.texels(one[1], one[2], one[0]), lambda: source.gather(*one)):
-        with pytest.raises(InputError, match=r"1 of \d+ values are beyond float32"):
+        with pytest.raises(InputError, match="beyond float32"):
             read()
     assert np.array_equal(source.slice(2), np.ones((2, 2, 3), np.float32))
 
@@ -177,7 +177,7 @@ def test_the_share_that_is_held_out_is_an_eighth_by_default_and_any_other_may_be
     nothing, third = replace(btf, holdout=0).split(), replace(btf, holdout=0.3).split()
     assert (nothing.heldout, nothing.train.tolist()) == ({}, list(range(81)))
     assert len(third.train) == 6 * 6
-    with pytest.raises(InputError, match=r"data\.holdout=0\.99 leaves no pairs"):
+    with pytest.raises(InputError, match=r"data\.holdout=0\.99"):
         replace(btf, holdout=0.99).split()
 
 

@@ -45,7 +45,7 @@ def test_a_recipe_changes_defaults_and_what_is_named_changes_the_recipe():
     assert settings_dict(Cooked(recipe="paper", count="4"))["count"] == 4
     # A file's header names every setting: it means what it says, whatever a recipe becomes later.
     assert Cooked(**(ours | {"recipe": "paper"})).settings.count == 3
-    with pytest.raises(InputError, match="must be 'ours' or 'paper'"):
+    with pytest.raises(InputError, match=r"recipe.*'paper'"):
         Cooked(recipe="papper")
 
 
@@ -92,8 +92,10 @@ def test_a_point_of_a_curve_is_stamped_with_the_seconds_of_the_fit():
 
 def test_settings_are_described_with_default_range_and_comment():
     shown = {s.name: (s.default, s.kind, s.meaning) for s in described_settings(Sample)}
-    assert shown["count"] == ("3", "a whole number ≥ 1", "how many")
-    assert shown["above"] == ("1.0", "a finite number > 0", "")
+    assert shown["count"][::2] == ("3", "how many")
+    assert "≥ 1" in shown["count"][1]
+    assert shown["above"][::2] == ("1.0", "")
+    assert "> 0" in shown["above"][1]
     assert list(shown) == ["count", "rate", "half", "domain", "share", "above", "level", "zstd", "scene"]
 
 

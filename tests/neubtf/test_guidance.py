@@ -34,7 +34,7 @@ def test_a_picture_is_converted_from_the_colour_space_that_it_states(tmp_path: P
             png.Writer(8, 8, greyscale=False, gamma=gamma).write(stream, codes.reshape(8, -1).tolist())
     image, provenance = read_guidance(tmp_path / "linear.png", Treatment(exposure="1"), OWN, 2.0)
     np.testing.assert_allclose(image[0].movedim(0, -1).numpy(), encode_srgb(codes / 255), atol=1e-5)
-    assert provenance["guidance_colour"] == "converted from gAMA 1"
+    assert provenance["guidance_colour"].endswith("gAMA 1")
     image, provenance = read_guidance(tmp_path / "srgb.png", Treatment(exposure="1"), OWN, 2.0)
     np.testing.assert_allclose(image[0].movedim(0, -1).numpy(), codes / 255, atol=1e-5)
     assert "guidance_colour" not in provenance

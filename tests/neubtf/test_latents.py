@@ -47,5 +47,5 @@ def test_a_file_of_another_codec_is_refused(tmp_path: Path, capsys) -> None:
     codec = load_codec("mean-colour")()
     container.save(tmp_path / "file.nbtf", codec, codec.encode(tiny_btf(), Fit()))
     assert cli.main(["latents", str(tmp_path / "file.nbtf")]) == 2
-    assert "codec mean-colour: give one of neubtf" in capsys.readouterr().err
+    assert "codec mean-colour" in capsys.readouterr().err
     assert cli.main(["latents", str(tmp_path / "file.nbtf"), "-o", str(tmp_path)]) == 2

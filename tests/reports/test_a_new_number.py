@@ -39,5 +39,5 @@ def test_a_measured_number_with_a_field_stands_in_table_page_and_published_resul
 def test_a_field_is_checked_when_a_record_is_read(made, described):
     described(sharpness=schema.Positive)
     made.job(sharpness=-1.0)
-    with pytest.raises(Exception, match=r"sharpness must be greater than 0, not -1\.0"):
+    with pytest.raises(Exception, match=r"sharpness .*-1\.0"):
         list(load_run(made.folder).jobs)

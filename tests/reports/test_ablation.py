@@ -11,7 +11,7 @@ def test_each_change_is_held_against_the_codec_as_it_is_on_every_material(made):
     made.job("neubtf steps=5", run="2", psnr=28.0).job("neubtf direct=0.0 steps=3", run="2", psnr=28.5)
     table = ablation_table(load_run(made.folder))
     rows = table.rows
-    assert table.notes[-1] == "—: not measured."
+    assert table.notes[-1].startswith("—: ")
     assert [row[:3] for row in rows] == [
         ["neubtf-direct", "as it is", "3,011"],
         ["neubtf-direct", "activation=relu", "3,011"],

@@ -82,17 +82,17 @@ def test_pairs_are_chosen_by_their_index_and_others_are_listed(folder, capsys):
     one = Image.open(io.BytesIO(pairs_figure(run, "satin", stored[:1]).png))
     two = Image.open(io.BytesIO(pairs_figure(run, "satin", stored[:2]).png))
     assert two.size[1] - one.size[1] > 2 * 256  # a block has a slice and a FLIP map
-    with pytest.raises(InputError, match=rf"no slice of pair 0 is stored; there are {stored[0]} \(view \d+°, light"):
+    with pytest.raises(InputError, match=rf"pair 0 .* {stored[0]} "):
         pairs_figure(run, "satin", [0])
     for inset in (Inset(-1, 0, 4), Inset(10, 0, 4), Inset(0, 0, 1)):
-        with pytest.raises(InputError, match="a square of 2 or more texels within 12 × 12"):
+        with pytest.raises(InputError, match="12 × 12"):
             pairs_figure(run, "satin", [], inset)
     for words, says in (
-        (["pairs", "--inset", "1,2"], "write ROW,COL,SIDE"),
-        (["rate", "--pair", "3"], "only for figure pairs"),
-        (["rat"], "did you mean 'rate'"),
-        (["rate", "--width", "0"], "from 1 to 200 cm"),
-        (["pairs", "--codec", "pcb"], "did you mean 'pca'"),
+        (["pairs", "--inset", "1,2"], "ROW,COL,SIDE"),
+        (["rate", "--pair", "3"], "figure pairs"),
+        (["rat"], "'rate'"),
+        (["rate", "--width", "0"], "200 cm"),
+        (["pairs", "--codec", "pcb"], "'pca'"),
     ):
         assert cli.main(["figure", words[0], str(folder), "-o", "figure.png", *words[1:]]) == 2
         assert says in capsys.readouterr().err

@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,7 @@ def test_ours_is_over_the_fitted_pairs_the_longest_fit_by_the_papers_recipe(made
     table = short(made)
     assert table.headers[1] == ("fabric01", "wool")
     assert cells(table)["PSNR ↑, ours"][0] == "26.50 ± 1.500"
-    assert "wool, steps=30, 1 seed." in table.notes[1]
+    assert "wool, steps=30, 1 seed" in table.notes[1]
 
 
 def test_a_material_of_the_paper_itself_comes_before_the_nearest_one(made):
@@ -88,11 +89,10 @@ def test_a_material_that_was_not_measured_has_dashes_and_a_note_says_where_to_ge
     assert dashes == {name for names in of_metrics for name in names}
     assert not any("—" in row for name, row in cells(table).items() if name not in dashes)
     notes = [note for note in table.notes if note.startswith("—")]
-    assert notes == [
-        "—: fabric03: there is no such file: ask UTIA.",
-        "—: ceramic: no fit of neubtf recipe=paper.",
-        "—: embroidery: nowhere.",
-    ]
+    for note, name, reason in zip(
+        notes, ("fabric03", "ceramic", "embroidery"), ("ask UTIA", PAPER, "nowhere"), strict=True
+    ):
+        assert re.match(f"—: {name}: .*{reason}", note)
 
 
 def test_the_nearest_materials_stand_for_the_paper_s_in_their_own_suite_alone(made, run_maker, tmp_path, capsys):
@@ -118,7 +118,7 @@ def test_every_fit_has_rows_over_all_pairs_fitted_and_held_out_ones(made):
     assert held_out[3::2] == ["held out", "", "", ""]
     assert (pca[5::2], absent[4::2], absent[5]) == (["—"] * 3, ["none yet"] * 3, "27.73 ± 4.711")
     assert failed[3:5] == ["all", "failed"]
-    assert "none yet: fabric03: there is no such file: ask UTIA." in table.notes
+    assert any(re.match("none yet: fabric03: .*ask UTIA", note) for note in table.notes)
 
 
 def test_several_seeds_of_a_label_make_one_row_with_how_much_they_scatter(made):

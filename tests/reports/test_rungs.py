@@ -275,9 +275,8 @@ def test_lines_are_ranked_by_their_means_the_least_flip_first(tmp_path):
 
 def test_the_fewest_bytes_are_those_at_which_a_curve_is_within_half_a_decibel_of_the_best(tmp_path):
     (table,) = when_table(run_of(tmp_path / "run", *LADDER))
-    answers = {question: answer for question, *answer in table.rows}
-    # At 32 bits the curve has 32.5.
-    assert answers["fewest bytes within 0.5 dB of the best: 64 bits a texel"] == ["a", "—", "34.0 dB", "—"]
+    (answer,) = (answer for question, *answer in table.rows if question.endswith(": 64 bits a texel"))
+    assert answer == ["a", "—", "34.0 dB", "—"]  # at 32 bits the curve has 32.5
 
 
 def test_ranks_do_not_depend_on_where_rungs_stand(tmp_path):

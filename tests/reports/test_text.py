@@ -1,3 +1,5 @@
+import re
+
 import pytest
 
 from bench.records import append, load_run
@@ -17,13 +19,13 @@ def test_the_main_table_fits_a_terminal_and_notes_of_several_stand_once(made):
     assert max(map(len, main.splitlines())) <= 120
     assert "15,375,476" in main
     first, last = table_text(made.job(LONG, material="leather").folder, kind="main").split("leather (")
-    assert ("Bytes are those" in first, last.count("Bytes are those")) == (False, 1)
+    assert ("Bytes are" in first, last.count("Bytes are")) == (False, 1)
 
 
 def test_lines_that_could_not_be_read_are_counted(made):
     with open(made.job().folder / "records.jsonl", "a") as file:
         file.write("{cut\n")
-    assert "1 line(s) of records.jsonl could not be read: 3." in table_text(made.folder)
+    assert re.search(r"1 line.* records\.jsonl .*: 3\.", table_text(made.folder))
 
 
 def test_markdown_keeps_labels_as_they_are(made):
@@ -38,7 +40,8 @@ def test_rows_that_another_revision_made_are_named(made):
     append(made.folder, {"kind": "run", "run": "2", "suite": "made", "git": "new", "machine": {}})
     made.job("pca components=8", fitted={"git": "old"}, scored={"git": "new"})
     made.job("vq", fitted={"git": "new"}, scored={"git": "new"})
-    assert run_notes(load_run(made.folder))[1:] == ["Fitted by revision old, scored by new: satin/pca components=8/0."]
+    (note,) = run_notes(load_run(made.folder))[1:]
+    assert re.search(" old, .* new: satin/pca components=8/0", note)
 
 
 @pytest.mark.parametrize("format", ["text", "markdown", "latex", "csv", "raw"])
@@ -58,7 +61,7 @@ def test_what_every_label_of_a_table_says_stands_once_below_it(made):
     table = next(table for table in all_tables(load_run(made.folder)) if table.kind == "main")
     short = table.with_short_labels()
     assert [row[0] for row in short.rows] == ["neumip batch=64", "neumip", "pca"]
-    assert short.notes[-1] == "In every row: steps=300."
+    assert short.notes[-1].endswith(": steps=300.")
     for format, tables in (("text", 1), ("markdown", 1), ("latex", 2)):  # LaTeX has quality and cost in two
         assert table_text(made.folder, format, "main").count("steps=300") == tables, format
     assert table_text(made.folder, "csv", "main").count("steps=300") == 3  # it has no notes

@@ -129,7 +129,7 @@ def test_a_png_has_captions_below_where_they_are_legible(file: Path, tmp_path: P
             assert below[:, width:].any()
         said = capsys.readouterr().out
         assert f"mean-colour, {file.stat().st_size:,} bytes" in said
-        assert "dB in frame" in said
+        assert " dB " in said
 
 
 def test_the_psnr_in_a_frame_is_that_of_the_pixels_which_show_the_surface_alone() -> None:

@@ -24,9 +24,9 @@ def test_a_few_mirror_pairs_do_not_own_the_exposure():
     assert exposed(slices, exposure_of(slices)).fault == ""
     by_mirror = exposed(slices, 0.8 / 200)
     assert by_mirror.black == pytest.approx(0.95 * 39.7 + 0.05 * 0.97, abs=0.1)
-    assert by_mirror.fault.startswith("black scores 38 dB at this exposure, 0.004")
+    assert by_mirror.fault.startswith("black scores 38 dB")
     dim = exposed([np.full((8, 8, 3), 0.02)] * 3, 1.0).fault
-    assert dim == "the median slice has a mean code of 39 of 255 at this exposure, 1: it is dark, so decibels are high"
+    assert "39 of 255" in dim
 
 
 def test_srgb_has_the_standard_values_and_inverts():

@@ -107,7 +107,7 @@ def test_a_reference_that_is_mostly_black_needs_a_range():
     reference, test = bright(0, 48, 64)
     metric = HDR(start=-3.0, stop=0.0)
     for black in (np.where(np.arange(48)[:, None, None] < 30, 0, reference), np.zeros_like(reference)):
-        with pytest.raises(InputError, match=r"reference is black.*start and stop"):
+        with pytest.raises(InputError, match=r"black.*start.*stop"):
             HDR().prepare(black, 1.0)
         assert 0 < metric.score(metric.prepare(black, 1.0), test) <= 1
         assert metric.score(metric.prepare(black, 1.0), black) == 0

@@ -11,7 +11,7 @@ def test_chosen_names_take_the_variant_of_the_material_and_psnr_comes_first():
     assert chosen_names(names, False) == ("psnr_display", "flip_hdr_67ppd", "rmse_linear", "ssim")
     assert chosen_names([], True) == ("psnr_display",)
     assert chosen_names(DEFAULTS, False) == DEFAULTS
-    with pytest.raises(InputError, match=r"flip_hdr.*did you mean"):
+    with pytest.raises(InputError, match="flip_hdr"):
         chosen_names(["flip_hdr"], True)
 
 

@@ -47,6 +47,6 @@ def test_the_periodic_variant_is_ssim_of_the_wrap_padded_picture(height, width):
 
 def test_a_picture_smaller_than_the_window_is_refused():
     small = np.ones((10, 40, 3))
-    with pytest.raises(InputError, match="reference is 10 × 40, but SSIM needs at least 11 × 11"):
+    with pytest.raises(InputError, match=r"10 × 40.*11 × 11"):
         SSIM().prepare(small, 1.0)
     assert SSIM(periodic=True).score(SSIM(periodic=True).prepare(small, 1.0), small) == 1

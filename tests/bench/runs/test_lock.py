@@ -3,6 +3,7 @@ import fcntl
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 import time
@@ -45,7 +46,7 @@ def no_process():
 
 
 def test_a_live_run_is_named_and_keeps_its_folder(tmp_path, holder):
-    with pytest.raises(InputError, match=f"process {holder.pid} on {platform.node()}.* or choose another --out"):
+    with pytest.raises(InputError, match=f"{holder.pid} on {platform.node()}.*--out"):
         locked(tmp_path, "ours").__enter__()
     assert not can_use_folder(tmp_path, "ours")
     assert can_use_folder(tmp_path, "theirs")
@@ -57,18 +58,17 @@ def test_the_lock_of_a_killed_run_is_taken_over_and_said(tmp_path, holder, caplo
     assert (tmp_path / FILE).exists()
     with locked(tmp_path, "ours"):
         assert can_use_folder(tmp_path, "ours")
-    assert f"process {holder.pid} on {platform.node()}" in caplog.text
-    assert "is taken over" in caplog.text
+    assert re.search(f"{holder.pid} on {platform.node()}.*taken over", caplog.text)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_lock_of_another_host_stands_while_it_is_renewed(tmp_path, caplog):
     signed(tmp_path, "elsewhere", 1, seconds_ago=20)
-    with pytest.raises(InputError, match="process 1 on elsewhere"):
+    with pytest.raises(InputError, match="1 on elsewhere"):
         locked(tmp_path, "ours").__enter__()
     signed(tmp_path, "elsewhere", 1, seconds_ago=120)
     with locked(tmp_path, "ours"):
-        assert "process 1 on elsewhere" in caplog.text
+        assert "1 on elsewhere" in caplog.text
 
 
 def test_a_held_lock_is_renewed(tmp_path, monkeypatch):
@@ -98,7 +98,7 @@ def test_where_the_file_system_cannot_lock_the_process_is_looked_for(tmp_path, m
         locked(tmp_path, "ours").__enter__()
     signed(tmp_path, platform.node(), no_process())
     with locked(tmp_path, "ours"):
-        assert "is taken over" in caplog.text
+        assert "taken over" in caplog.text
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"process": 1}'])
@@ -130,5 +130,5 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
 
     monkeypatch.setattr(os, "open", read_only)
-    with pytest.raises(InputError, match=r"cannot be written \(Read-only file system\): choose another --out"):
+    with pytest.raises(InputError, match=r"Read-only.*--out"):
         locked(tmp_path, "ours").__enter__()

@@ -56,7 +56,7 @@ def test_entries_that_a_default_makes_equal_need_equal_seeds():
     suite = parse_suite("test", TEXT)
     first = CodecSpec("pca", {}, (), ("satin",), (0,))
     second = CodecSpec("pca", {"components": 16}, (), ("fabric",), (1, 2))  # the default, spelled out
-    with pytest.raises(InputError, match="'pca' appears twice, with other seeds"):
+    with pytest.raises(InputError, match=r"'pca'.*seeds"):
         canonical(dataclasses.replace(suite, codecs=(first, second)))
     (merged,) = canonical(dataclasses.replace(suite, codecs=(first, dataclasses.replace(second, seeds=(0,))))).codecs
     assert (merged.materials, merged.seeds) == (("satin", "fabric"), (0,))
@@ -85,13 +85,13 @@ def test_every_built_in_suite_names_materials_and_codecs_that_exist(name):
 def test_a_suite_is_scored_at_test_pairs_but_where_it_says_validation():
     suite = parse_suite("test", TEXT)
     assert suite.data.split == "test"
-    assert suite.data.described(3).startswith("150 test pairs, draw 3")
+    assert suite.data.described(3).startswith("150 test")
     assert parse_suite("test", TEXT.replace("size = 16", 'split = "validation"')).data.split == "validation"
     assert with_changes(suite, [], [], {"data.split": "validation"}).data.split == "validation"
     choosing = with_changes(suite, [], [], {"data.validation": "true"})
     together = {"data.split": "validation", "data.validation": "false"}  # in this order, alone they do not go together
     assert with_changes(choosing, [], [], together).data.split == "validation"
-    with pytest.raises(InputError, match=r"split:? must be 'test' or 'validation', not 'tests'"):
+    with pytest.raises(InputError, match=r"split.*'validation'.*'tests'"):
         with_changes(suite, [], [], {"data.split": "tests"})
 
 
@@ -160,9 +160,9 @@ def test_a_misspelled_setting_suggests_the_nearest(key, says):
 
 
 def test_an_unknown_suite_suggests_the_nearest_and_a_missing_file_is_named():
-    with pytest.raises(InputError, match=r"no suite named 'quik'; did you mean 'quick'"):
+    with pytest.raises(InputError, match=r"'quik'.*'quick'"):
         load_suite("quik")
-    with pytest.raises(InputError, match=r"absent\.toml: there is no such file"):
+    with pytest.raises(InputError, match=r"absent\.toml: "):
         load_suite("absent.toml")
 
 
@@ -178,7 +178,7 @@ def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
     assert chosen.seeds == (7,)
     assert with_changes(suite, [], [], {"data.size": "8"}).data.size == 8
     assert with_changes(suite, [], [], {}, [2, 0]).seeds == (2, 0)
-    with pytest.raises(InputError, match="--seed 2: it is given twice"):
+    with pytest.raises(InputError, match="--seed 2"):
         with_changes(suite, [], [], {}, [2, 0, 2])
 
 
@@ -196,7 +196,7 @@ def test_two_paths_of_one_name_are_two_materials(tmp_path, monkeypatch):
     assert names("tablet/rti/dirs.lp", "tablet/other/dirs.lp") == ["rti-dirs.lp", "other-dirs.lp"]
     assert names("coin/rti/dirs.lp", "tablet/rti/dirs.lp") == ["coin-rti-dirs.lp", "tablet-rti-dirs.lp"]
     assert names("coin/rti/dirs.lp", "satin") == ["dirs.lp", "satin"]
-    with pytest.raises(InputError, match="coin/rti: it is given twice"):
+    with pytest.raises(InputError, match="coin/rti: "):
         names("coin/rti", "./coin/rti")
 
 
@@ -207,7 +207,7 @@ def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it
     assert (suite.demand, suite.uniform) == ("wall.npz", 0.25)
     assert [spec.settings["scene"] for spec in suite.codecs] == [False, True]
     assert len({spec.curve for spec in suite.codecs}) == 2  # no ladder of rates mixes the two
-    with pytest.raises(InputError, match="uniform must be a finite number from 0 to 1, not 1"):
+    with pytest.raises(InputError, match=r"uniform .*1\.5"):
         parse_suite("a", text.replace("0.25", "1.5"))
     changed = with_changes(suite, [], [], {"scene": "true"})
     assert [spec.settings["scene"] for spec in changed.codecs] == [True]
@@ -218,9 +218,9 @@ def test_a_suite_chooses_its_metrics_and_the_command_line_adds_some():
     suite = parse_suite("test", 'metrics = ["flip_hdr_67ppd"]\n' + TEXT)
     assert suite.metrics == ("psnr_display", "flip_hdr_67ppd")
     assert with_metrics(suite, ["ssim", "psnr_display"]).metrics == ("psnr_display", "flip_hdr_67ppd", "ssim")
-    with pytest.raises(InputError, match=r"suite test: metrics: no metric is named 'flipp'"):
+    with pytest.raises(InputError, match=r"test: metrics: .*'flipp'"):
         parse_suite("test", 'metrics = ["flipp"]\n' + TEXT)
-    with pytest.raises(InputError, match=r"--metric: no metric is named 'ssm'"):
+    with pytest.raises(InputError, match=r"--metric: .*'ssm'"):
         with_metrics(suite, ["ssm"])
 
 
@@ -275,7 +275,7 @@ def test_an_absurd_suite_is_refused_before_anything_is_done(old, new, message, t
 def test_threads_of_the_command_line_have_a_limit_too(capsys):
     with pytest.raises(SystemExit):
         cli.main(["encode", "satin", "--codec", "pca", "-o", "a.nbtf", "--threads", "100000"])
-    assert "must be a whole number from 1 to 1,024, not '100000'" in capsys.readouterr().err
+    assert re.search("--threads.* 1,024.* '100000'", capsys.readouterr().err)
 
 
 PAGE = (Path(__file__).parents[3] / "docs" / "suites.md").read_text(encoding="utf-8")

@@ -36,7 +36,7 @@ def assert_same(ours: Material, tolerance: float, counts=(1, 100)) -> None:
 def test_a_variant_is_named_by_execution_and_precision():
     assert Variant.parse("compiled") == Variant("compiled", "float32")
     assert Variant.parse(str(Variant("fused", "bfloat16"))) == Variant("fused", "bfloat16")
-    with pytest.raises(InputError, match="did you mean 'compiled'"):
+    with pytest.raises(InputError, match="'compiled'"):
         Variant.parse("compile float32")
     with pytest.raises(InputError, match="no 'float8'"):
         Variant.parse("eager float8")
@@ -94,13 +94,13 @@ def test_what_cannot_be_computed_is_refused_with_the_remedy(old_llvm, monkeypatc
         with pytest.raises(InputError, match="float32, not bfloat16"):
             prepared(Textured(), Variant(name, "bfloat16"))
     monkeypatch.setattr(execution.shutil, "which", lambda name: None)
-    with pytest.raises(InputError, match=r"needs a C\+\+ compiler: install"):
+    with pytest.raises(InputError, match=r"C\+\+"):
         prepared(Textured(), Variant("compiled"))
-    with pytest.raises(InputError, match="too old; or use network"):
+    with pytest.raises(InputError, match="use network"):
         prepared(Textured(), Variant("fused"))
     table = Textured()
     del table.network
-    with pytest.raises(InputError, match="this codec has none: use eager or fused"):
+    with pytest.raises(InputError, match=r"network.*fused"):
         prepared(table, Variant("network"))
 
 
@@ -132,5 +132,5 @@ def test_code_that_was_compiled_for_one_capability_is_not_taken_for_another(capa
 def test_a_compiler_that_fails_is_told_with_the_remedy():
     compiled = prepared(Textured(), Variant("compiled"))
     compiled.rest = Mock(side_effect=torch._dynamo.exc.TorchDynamoException("file too short"))
-    with pytest.raises(InputError, match=r"file too short.*remove its cache"):
+    with pytest.raises(InputError, match=r"file too short.*cache"):
         compiled.query(*queries(3))

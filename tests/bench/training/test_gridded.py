@@ -110,13 +110,13 @@ def test_a_file_whose_grids_have_other_sizes_is_refused(name: str) -> None:
     codec = small(name, steps=2, half=2)
     parts = codec.encode(tiny_btf(8), Fit(torch.device("cpu"), 1))
     parts.other["size"] = torch.tensor([16, 8], dtype=torch.int32)
-    with pytest.raises(InputError, match="grid latents of this file is 8 × 8 × 4"):
+    with pytest.raises(InputError, match=r"latents .*8 × 8 × 4"):
         codec.decode(parts, torch.device("cpu"))
 
 
 @pytest.mark.parametrize("setting", GRIDS)
 def test_an_encoder_makes_no_grids(setting: str) -> None:
-    with pytest.raises(InputError, match="made of its own ABRDF alone: leave out half, quarter and offset"):
+    with pytest.raises(InputError, match="half, quarter and offset"):
         make_codec("rainer2019", {"start": "encoder", setting: 4})
 
 
@@ -124,5 +124,5 @@ def test_statistics_of_another_size_are_refused() -> None:
     codec = small("rainer2019", steps=2, offset=4, bits=32)
     parts = codec.encode(tiny_btf(8), Fit(torch.device("cpu"), 1))
     parts.texture["statistics"] = parts.texture["statistics"][:4]
-    with pytest.raises(InputError, match="statistics of this file are not those of its texels"):
+    with pytest.raises(InputError, match="statistics"):
         codec.decode(parts, torch.device("cpu"))

@@ -48,7 +48,7 @@ def test_a_file_holds_the_rounded_grids(shape: tuple[int, int]) -> None:
     }
     for name, values in grids.rounded().items():
         torch.testing.assert_close(found[name], values.detach())
-    with pytest.raises(InputError, match="grid latents of this file"):
+    with pytest.raises(InputError, match="grid latents"):
         load_grids(grids.stored(), settings, (shape[0] + 1, shape[1]), offset=True)
 
 

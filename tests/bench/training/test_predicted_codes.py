@@ -69,7 +69,7 @@ def test_levels_in_one_table_need_their_sizes() -> None:
     assert len(data) < 0.8 * len(compress(codes, bits.tolist()))
     assert expand(data, codes.shape, sizes).equal(codes)
     for wrong in (None, sizes[:2], [(4032, 0), (1, 4032)], [(1, 4032)]):
-        with pytest.raises(InputError, match="encode it again"):
+        with pytest.raises(InputError, match="encode"):
             expand(data, codes.shape, wrong)
 
 
@@ -84,7 +84,7 @@ def test_bytes_that_are_cut_too_many_or_altered_are_refused() -> None:
     assert data == stored()[0]
     np.testing.assert_array_equal(predicted_codes.decode(data, bits, size), codes)
     for wrong in (*(data[:end] for end in range(0, len(data), 41)), data + b"\0", data + b"\0\0", b"", b"\xff" * 500):
-        with pytest.raises(InputError, match="encode it again"):
+        with pytest.raises(InputError, match="encode"):
             predicted_codes.decode(wrong, bits, size)
     noticed, places = 0, range(0, len(data), 13)
     for place in places:
@@ -98,13 +98,13 @@ def test_bytes_that_are_cut_too_many_or_altered_are_refused() -> None:
 
 
 def test_few_bytes_claim_no_more_codes_than_can_be_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="how its codes are predicted"):  # a term before the first channel
+    with pytest.raises(InputError, match="are predicted"):  # a term before the first channel
         code_model.CodeModel.from_bytes(bytes([0, 0, 0, 0, 1, len(code_model.OWN), 1]), np.array([4]))
     codes = torch.zeros(64, 64, 2)
     predicted = torch.tensor([PREDICTED, 4, 4, *bytes(40)], dtype=torch.uint8)
     with pytest.raises(InputError, match="40 bytes for"):
         expand(predicted, (2048, 2048, 2))
-    with pytest.raises(InputError, match="how its codes lie"):
+    with pytest.raises(InputError, match="codes lie"):
         expand(predicted, (1, 1 << 15, 2))
     monkeypatch.setattr(texture_codes, "MOST_PREDICTED", 100)
     assert expand(compress(codes, [4, 4]), (64, 64, 2)).equal(codes)

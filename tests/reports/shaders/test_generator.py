@@ -1,3 +1,4 @@
+import re
 import shutil
 import subprocess
 from importlib.metadata import version
@@ -89,16 +90,16 @@ class Sorting(Branching):
 
 
 def test_what_no_shader_can_do_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be recorded as a program"):
+    with pytest.raises(InputError, match="cannot be recorded"):
         program_of(Branching())
-    with pytest.raises(InputError, match="no shader can do 'cumsum' yet"):
+    with pytest.raises(InputError, match="'cumsum'"):
         shader(stored(Sorting(), tmp_path), GLSL)
 
 
 def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:
     path = tmp_path / "other.npz"
     np.savez(path, values=np.zeros(3))
-    with pytest.raises(InputError, match="not the program of a material"):
+    with pytest.raises(InputError, match=r"other\.npz"):
         artefacts.program(path)
 
 
@@ -115,8 +116,8 @@ def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path
     assert text.count("(") == text.count(")")
     height, width = program.size
     readme = (tmp_path / "out" / "README.md").read_text()
-    assert f"{width} × {height} square texels" in readme
-    assert f"Made from codec neubtf-direct, version 3, by neubtf-bench {version('neubtf-bench')}.\n" in readme
+    assert f"{width} × {height} " in readme
+    assert re.search(rf"neubtf-direct, version 3\b.* {re.escape(version('neubtf-bench'))}\.$", readme, re.M)
 
 
 @pytest.mark.parametrize("codec", ["pca", "neubtf-direct"])

@@ -1,4 +1,5 @@
 import importlib.util
+import re
 import sys
 
 import numpy as np
@@ -47,7 +48,7 @@ def test_without_mitsuba_it_says_what_to_install(tmp_path, monkeypatch, capsys):
     folder = folder_of_maps(tmp_path / "maps")
     words = ["bake", str(folder), "-o", str(tmp_path / "out.npz"), "--size", "8", "--renderer", "mitsuba"]
     assert cli.main(words) == 2
-    assert 'pip install "neubtf-bench[mitsuba]"' in capsys.readouterr().err
+    assert "neubtf-bench[mitsuba]" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["maps"]
 
 
@@ -198,15 +199,15 @@ def test_without_llvm_it_says_so_and_gives_the_same_values(monkeypatch, caplog):
     first = path_trace(maps, wo, wi, (4, 4), 2)
     monkeypatch.setattr("bench.demand.mitsuba.path_tracer.unusable", lambda: "there is none")
     second = path_trace(maps, wo, wi, (4, 4), 2)
-    assert "scalar_rgb, which is about a thousand times slower: there is none" in caplog.text
+    assert re.search("scalar_rgb.*there is none", caplog.text)
     np.testing.assert_allclose(second, first, rtol=1e-3, atol=1e-5)
 
 
 @with_mitsuba
 def test_what_cannot_be_traced_is_refused():
     up, down = np.float32([[0, 0, 1]]), np.float32([[0, 0, -1]])
-    with pytest.raises(InputError, match="above the horizon"):
+    with pytest.raises(InputError, match="horizon"):
         path_trace(hills(), up, down, (8, 8))
     low = np.float32([[1, 0, 1e-4]])
-    with pytest.raises(InputError, match="the mesh would be too large"):
+    with pytest.raises(InputError, match="too large"):
         path_trace(hills(), low, up, (8, 8))

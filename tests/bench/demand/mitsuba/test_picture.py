@@ -155,7 +155,7 @@ def test_render_replaces_a_bsdf_and_samples_of_a_pixel_share_its_footprint(btf, 
     bench.encode(btf, "neumip", "a.nbtf", steps=20)
     words = ["render", "a.nbtf", "--scene", "wall.xml", "-o", "a.exr"]
     assert cli.main([*words, "--bsdf", "clot"]) == 2
-    assert "did you mean 'cloth'" in capsys.readouterr().err
+    assert "'cloth'" in capsys.readouterr().err
     assert cli.main(words) == 2
     assert cli.main([*words, "--bsdf", "cloth", "--samples", "4", "--tiling", "20"]) == 0
     with OpenEXR.File("a.exr") as written:

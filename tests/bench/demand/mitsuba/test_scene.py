@@ -143,7 +143,7 @@ def test_a_mesh_without_texture_coordinates_is_refused(tmp_path):
     bare = '<shape type="obj"><string name="filename" value="bare.obj"/><ref id="cloth"/></shape>'
     path = written(tmp_path, CAMERA, CLOTH, bare, LAMP)
     # Some versions of LLVM cannot load a mesh that has no uv; the check is the same in every variant.
-    with using("scalar_rgb"), pytest.raises(InputError, match="no texture coordinates: give its mesh uv"):
+    with using("scalar_rgb"), pytest.raises(InputError, match="mesh uv"):
         _chosen(mi.load_file(str(path)), path, "cloth")
 
 

@@ -167,7 +167,7 @@ def test_the_kernel_for_a_gpu_fetches_the_texture(triton_network):
 def test_the_kernel_for_a_gpu_refuses_what_it_cannot_compute(triton_network):
     with pytest.raises(InputError, match="one width"):
         triton_network(Decoder(Architecture(4, (8, 16))))
-    with pytest.raises(InputError, match="float16: use compiled"):
+    with pytest.raises(InputError, match=r"float16.*compiled"):
         triton_network(Decoder(Architecture(4, (8,))).half())
-    with pytest.raises(InputError, match="64 inputs, not 65"):
+    with pytest.raises(InputError, match=r"64 .*65"):
         triton_network(Decoder(Architecture(65, (8,))).bfloat16())

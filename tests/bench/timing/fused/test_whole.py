@@ -41,7 +41,7 @@ TOO_LARGE = "rainer2019"
 
 def test_a_network_that_is_too_large_is_told_to_use_another_execution(tmp_path, btf):
     bench.encode(btf, TOO_LARGE, tmp_path / "a.nbtf", steps=5)
-    with pytest.raises(InputError, match="36,255: use compiled"):
+    with pytest.raises(InputError, match=r"36,255.*compiled"):
         prepared(bench.load(tmp_path / "a.nbtf"), Variant("fused"))
 
 
@@ -103,11 +103,6 @@ def test_the_network_alone_may_be_fused(tmp_path, btf):
     assert type(fused.network).__name__ == "DrJitNetwork"
     uv, wo, wi = queries(100)
     torch.testing.assert_close(fused.query(uv, wo, wi), material.query(uv, wo, wi), rtol=1e-4, atol=1e-5)
-    bench.encode(btf, "pca", tmp_path / "b.nbtf", components=2)
-    with pytest.raises(
-        InputError, match="network computes decoder networks, and this codec has none: use eager or fused"
-    ):
-        prepared(bench.load(tmp_path / "b.nbtf"), Variant("network"))
 
 
 class Mixed(Material):
@@ -128,5 +123,5 @@ def test_too_many_products_outside_of_networks_are_refused_or_left_to_pytorch(bt
     large = Mixed(MOST_PRODUCTS // 6 + 1)
     large.network = None
     large.evaluate = lambda uv, wo, wi, footprint: (torch.cat([wo, wi], 1) @ large.matrix)[:, :3]
-    with pytest.raises(InputError, match=r"up to 10,000 products .* needs 10,002: use compiled"):
+    with pytest.raises(InputError, match=r"10,000 .*10,002.*compiled"):
         prepared(large, Variant("fused"))
