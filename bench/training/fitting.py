@@ -212,7 +212,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     the file on disk belongs to another fit.
     """
     if steps < 1:
-        raise InputError(f"a fit needs at least 1 step, not {steps}")
+        raise InputError(f"steps = {steps}: a fit needs at least one")
     loop = _Loop(objective.to(fit.device), fit, steps)
     loop.resume()
     while loop.step < steps and not (patience and loop.flat(patience)):
