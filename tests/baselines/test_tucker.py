@@ -11,6 +11,7 @@ from bench.conformance.check import tiny_btf
 from bench.material import Material
 from bench.training import load_texture, store_texture
 from tests.baselines.made import decoded, slices, table
+from tests.tiers import long
 
 
 def error(btf: BTF, material: Material) -> float:
@@ -107,7 +108,7 @@ def test_eight_bits_of_a_core_hold_zero() -> None:
     torch.testing.assert_close(load_texture("core", store_texture("core", same, rounding_with_zero(same, 8))), same)
 
 
-@pytest.mark.parametrize("factor", [1e-4, 0.7, 3.0])
+@pytest.mark.parametrize("factor", [1e-4, long(0.7), long(3.0)])
 def test_the_scale_of_the_data_changes_nothing_in_eight_bits(factor: float) -> None:
     """Rounding must not choose the signs of components, whose range eight bits divide."""
     btf = tiny_btf()

@@ -16,6 +16,7 @@ from bench.training import Samples, load_texture
 from bench.training import fitting as training
 from neubtf.autoencoder import Autoencoder, Encoder, as_guidance, read_encoder
 from neubtf.codec import NeuBTF, guiding_pair
+from tests.tiers import long
 
 FEW: dict[str, Any] = {"steps": 24, "batch": 256}
 
@@ -145,7 +146,7 @@ def test_settings_without_sense_are_refused() -> None:
             fitted(**settings)
 
 
-@pytest.mark.parametrize("stop", [8, 14, 22])
+@pytest.mark.parametrize("stop", [long(8), long(14), 22])
 def test_a_killed_fit_gives_the_same_file(stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "KEEP_EVERY", 2)
     monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)

@@ -37,11 +37,13 @@ width = 8
 """
 
 
-@pytest.fixture
-def timed(tmp_path, monkeypatch):
-    monkeypatch.setattr(setting_times, "TURNS", 2)
-    records = time_settings(parse_suite("small", SUITE), tmp_path / "times")
-    return tmp_path / "times", records
+@pytest.fixture(scope="module")
+def timed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("times")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(setting_times, "TURNS", 2)
+        records = time_settings(parse_suite("small", SUITE), folder)
+    return folder, records
 
 
 def test_each_setting_is_one_record_over_surfaces_and_rounds_without_a_job(timed):

@@ -71,7 +71,7 @@ def require_equal(ours: Parts, theirs: Parts) -> None:
         torch.testing.assert_close(getattr(ours, part), getattr(theirs, part), rtol=0, atol=0)
 
 
-@pytest.mark.parametrize("name", short_for(SETTINGS, "neubtf-direct"))
+@pytest.mark.parametrize("name", short_for(SETTINGS, "bcf"))
 def test_replayed_steps_give_the_same_file(
     name: str, gpu: torch.device, kinds: dict[Any, replay.Program], monkeypatch: pytest.MonkeyPatch
 ) -> None:
