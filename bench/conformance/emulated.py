@@ -279,7 +279,7 @@ class _Operands:
 
 
 def _computed(op: Any, *args: Any, **kwargs: Any) -> Any:
-    """Compute an operation of the device on the CPU."""
+    """Compute an operation of the device on the CPU. Counts it, and records it where a graph is recorded."""
     operands = _Operands(op)
     name = operands.name
     unnamed = [tree.tree_map(partial(operands.lowered, position=i), argument) for i, argument in enumerate(args)]

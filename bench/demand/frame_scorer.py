@@ -134,21 +134,22 @@ class FrameScorer:
 
     def score(self, material: Material, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
         """Each metric of the frames over the pixels that show the material, pooled over frames. A metric whose window
-        is larger than a frame is left out; None means no error at all."""
+        is larger than a frame is left out; None means no error at all, or no pixel of the material inside its window.
+        """
         return self.compare(self.frames(material), names)
 
     def compare(self, frames: Array, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
         """Each metric of given frames (frames, H, W, 3), linear RGB; see `score`."""
         scores = {}
+        _, height, width = self.demand.frames
         for name in names:
             metric = registry.get(name).load()
-            _, height, width = self.demand.frames
             if min(height, width) < metric.smallest:
                 continue
             sides = self._sides(name, metric)
             maps = np.stack([metric.error_map(side, frame) for side, frame in zip(sides, frames, strict=True)])
             values = maps[_inner(self.seen, maps.shape[1:])]  # (n,) of the pixels that show the material
-            scores[name] = as_number(float(metric.values(values.mean()))) if len(values) else None
+            scores[name] = as_number(metric.pool(values)) if len(values) else None
         return scores
 
     def _sides(self, name: str, metric: SliceMetric) -> list[Prepared]:

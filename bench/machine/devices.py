@@ -20,10 +20,13 @@ def is_gpu(device: "torch.device | str") -> bool:
 
 
 def present(device: "torch.device | str") -> bool:
-    """Whether PyTorch finds a device of this kind here."""
+    """Whether PyTorch finds this device here; without a number, such as `cuda`, one of its kind."""
     import torch
 
-    return not is_gpu(device) or bool(torch.get_device_module(device).is_available())
+    if not is_gpu(device):
+        return True
+    module = torch.get_device_module(device)
+    return bool(module.is_available()) and (torch.device(device).index or 0) < module.device_count()
 
 
 def records_graphs(device: "torch.device") -> bool:

@@ -200,7 +200,8 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         foreign = set(spec.materials) - set(names)
         if foreign:
             raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
-    _check_jobs(file, len(names) * sum(len(spec.seeds or suite.seeds) for spec in suite.codecs))
+    jobs_of = [len(set(spec.materials) or names) * len(spec.seeds or suite.seeds) for spec in suite.codecs]
+    _check_jobs(file, sum(jobs_of))
     return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
 
 

@@ -128,7 +128,7 @@ class Objective(nn.Module):
         What steps read may change in its memory here, but it must stay there.
         """
         if progress >= ROUNDED_FROM:
-            self.round_textures(fit, progress)
+            self.choose_rounding(fit, progress)
 
     def rate(self, step: int, steps: int, group: int) -> float:
         """The learning rate of a group at a step, as a share of its highest; each stage of a fit has its own curve."""
@@ -175,8 +175,9 @@ class Objective(nn.Module):
         self.steps_chosen = any(bool(getattr(network, STEPS).any()) for network in self.networks_in_bits())
 
     @torch.no_grad()
-    def round_textures(self, fit: Fit, progress: float) -> None:
-        """Choose the rounding of each texture with a `Rounding`, unless it is already chosen."""
+    def choose_rounding(self, fit: Fit, progress: float) -> None:
+        """Choose the steps of weights stored in eight bits, and the bits of each texture with a `Rounding`, unless they
+        are already chosen."""
         networks = self.networks_in_bits()
         if networks and not self.steps_chosen:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
@@ -218,7 +219,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     while loop.step < steps and not (patience and loop.flat(patience)):
         next_state = (loop.step // KEEP_EVERY + 1) * KEEP_EVERY
         loop.advance(min(steps, next_state))
-    objective.round_textures(fit, loop.step / steps)  # for a fit that ended before
+    objective.choose_rounding(fit, loop.step / steps)  # for a fit that ended before
     for fault in [*objective.faults(), *loop.faults()]:
         log.warning("the fit may be stuck: %s: try another seed or a lower learning rate", fault)
         fit.faults.append(fault)

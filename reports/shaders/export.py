@@ -108,8 +108,8 @@ class Vectors(NamedTuple):
 def export(
     program: Program, name: str, language: str, folder: Path, source: str, vectors: Vectors
 ) -> tuple[list[Path], int]:
-    """Write shader, textures, a buffer of layers if there are some, and README into a folder, which is made; returns
-    their paths, and the bytes on a GPU.
+    """Write shader, textures, a buffer of layers if there are some, README and, of GLSL, a whole fragment shader into a
+    folder, which is made; returns their paths, and the bytes on a GPU.
 
     `name` is that of the material, and of its files; `language` a key of `DIALECTS`. `source` says in words of what the
     program was made: codec, versions, file. `vectors` are answers of the material, for the README. `InputError` for

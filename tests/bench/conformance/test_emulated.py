@@ -17,6 +17,7 @@ from bench.conformance.emulated import counted
 from bench.data.materials import load
 from bench.directions.hemisphere import uniform
 from bench.inputs.errors import InputError
+from bench.machine.devices import require_present
 from bench.training import fitting, optimiser, replay
 from bench.training.decoder import Architecture, Decoder
 from tests.tiers import short_for
@@ -42,6 +43,13 @@ def test_it_refuses_what_cuda_refuses(gpu: torch.device) -> None:
     with pytest.raises(TypeError):
         ours.numpy()
     assert (ours + torch.tensor(1.0)).sum().item() == 6  # a number may stay on the CPU
+
+
+def test_a_gpu_beyond_those_that_are_there_is_refused(gpu: torch.device) -> None:
+    require_present(str(gpu), "--device")
+    require_present(gpu.type, "--device")
+    with pytest.raises(InputError, match=f"--device {gpu.type}:7"):
+        require_present(f"{gpu.type}:7", "--device")
 
 
 def test_it_counts_kernels_waits_and_bytes(gpu: torch.device) -> None:

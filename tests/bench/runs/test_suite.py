@@ -272,6 +272,15 @@ def test_an_absurd_suite_is_refused_before_anything_is_done(old, new, message, t
     assert list(tmp_path.iterdir()) == [tmp_path / "bad.toml"]
 
 
+def test_jobs_are_counted_on_the_materials_that_a_codec_names():
+    materials = ", ".join(f'{{name = "m{number}", path = "m{number}.npz"}}' for number in range(400))
+    text = f'seeds = {list(range(200))}\nmaterials = [{materials}]\n[[codecs]]\ncodec = "pca"\nmaterials = ["m0"]'
+    for more in ("", '\n[[codecs]]\ncodec = "vq"'):
+        assert parse_suite("small", text + more).materials  # 200 jobs, then 80,200
+    with pytest.raises(InputError, match="160,200 jobs"):
+        parse_suite("large", text + '\n[[codecs]]\ncodec = "vq"\n[[codecs]]\ncodec = "table"')
+
+
 def test_threads_of_the_command_line_have_a_limit_too(capsys):
     with pytest.raises(SystemExit):
         cli.main(["encode", "satin", "--codec", "pca", "-o", "a.nbtf", "--threads", "100000"])
