@@ -94,7 +94,8 @@ def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale:
     beaten = [row for row in measured if not any(row["job"] in names for names in fronts.values())]
     if beaten and not whole:
         rows = [row for row in rows if row not in beaten]
-        sentences = [*sentences, f"Left out, because others beat them at these pairs: {len(beaten)} choices. --all shows them, too."]
+        left_out = f"Left out, because others beat them at these pairs: {len(beaten)} choices. --all shows them, too."
+        sentences = [*sentences, left_out]
     values = pd.DataFrame([_values(row, fronts) | {"stale": stale.of([row.get("job", "")])} for row in rows])
     notes = [*sentences, _conditions(rows)]
     notes += [f"{name_of_choice(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed
