@@ -51,6 +51,7 @@ from reports.table import Note, Table
 from reports.values import Column, Row, written
 
 _LEAD = {"lead", "95 % interval", "ahead"}  # names of columns of the lead, which notes are about
+_TOTAL = Column("total", "bytes", "total", 0)
 _TIED = 3  # codecs with the same number that a cell names
 _WITHIN = (
     "Within a size: read off the curve of the rungs that validation pairs choose, at its end if it ends before; "
@@ -209,36 +210,53 @@ def rung_tables(run: Run) -> Iterator[Table]:
     """A table a material of the rungs that were chosen on it, with their budgets and quality. If there are several
     materials, the ladders of all lines and the medians over the materials come first."""
     rungs = rungs_of(run)
-    surfaces = list(rungs.surfaces)
-    if len(surfaces) > 1:
-        columns = [CODEC, Column("on", "surfaces", "surfaces"), Column("rungs", "", "rungs", 0, ranked=False)]
-        columns += [Column("bits a texel", "medians", "bits"), Column("seeds", "of each", "seeds")]
-        note = "A codec has one row if it has the same rungs, with as many seeds, on each surface that it has."
-        yield written("rungs", "Ladders: what was measured of each codec", _ladders(rungs), columns, [note], words=2)
-    at_budgets = Column("at bits, times" if rungs.times else "at bits a texel", "", "budgets")
-    total = Column("total", "bytes", "total", 0)
     notes = [_CHOICE, *common_notes(run, rungs)]
-    medians = [total, *METRICS]
-    rows = list(_median_rows(rungs, medians)) if len(surfaces) > 1 else []
+    if len(rungs.surfaces) > 1:
+        yield _ladders_table(rungs)
+        yield from _medians_table(rungs, notes)
+    for material in rungs.surfaces:
+        yield _chosen_table(rungs, material, notes)
+
+
+def _ladders_table(rungs: Rungs) -> Table:
+    """The ladders of all lines: which rungs each has on which surfaces, and their seeds."""
+    columns = [CODEC, Column("on", "surfaces", "surfaces"), Column("rungs", "", "rungs", 0, ranked=False)]
+    columns += [Column("bits a texel", "medians", "bits"), Column("seeds", "of each", "seeds")]
+    note = "A codec has one row if it has the same rungs, with as many seeds, on each surface that it has."
+    return written("rungs", "Ladders: what was measured of each codec", _ladders(rungs), columns, [note], words=2)
+
+
+def _medians_table(rungs: Rungs, notes: Sequence[str]) -> Iterator[Table]:
+    """The medians over the materials of the rungs of each budget; no table if no budget has a rung on all of them."""
+    medians = [_TOTAL, *METRICS]
+    rows = list(_median_rows(rungs, medians))
     if rows:
         values = pd.DataFrame(rows)
         values["stale"] = stale_of(rungs, values["codec"])
-        title = f"Medians over {len(surfaces)} materials of the rung of each budget"
-        yield written("rungs", title, values, [CODEC, at_budgets, *medians], notes, words=2)
-    columns = [CODEC, Column("rung", "", "setting"), at_budgets, total, Column("validation", "dB", "validation", 2)]
-    columns += [*METRICS, *(Column(kind, unit_of(kind), kind, -3) for kind in rungs.times)]
-    for material in surfaces:
-        picked: dict[str, dict[int, list[Budget]]] = {}  # by line and number of a rung: the budgets that choose it
-        for budget in rungs.limits:
-            best: dict[Any, int] = rungs.picks(budget, [material])[material].to_dict()
-            for line, rung in best.items():
-                picked.setdefault(line, {}).setdefault(rung, []).append(budget)
-        chosen = {rung: _span(limits) for of_line in picked.values() for rung, limits in of_line.items()}
-        values = rungs.frame.loc[list(chosen)].assign(codec=lambda rung: rung["line"])
-        values["budgets"] = list(chosen.values())
-        values["stale"] = stale_of(rungs, values["codec"], [material])
-        title = f"{material}: the rung of each budget"
-        yield written("rungs", title, values, columns, notes, words=3, material=material)
+        title = f"Medians over {len(rungs.surfaces)} materials of the rung of each budget"
+        yield written("rungs", title, values, [CODEC, _budgets_column(rungs), *medians], notes, words=2)
+
+
+def _chosen_table(rungs: Rungs, material: str, notes: Sequence[str]) -> Table:
+    """The rungs that some budget chooses on a material, a row each."""
+    limits_of: dict[int, list[Budget]] = {}  # by the number of a rung: the budgets that choose it
+    for budget in rungs.limits:
+        for rung in rungs.picks(budget, [material])[material]:
+            limits_of.setdefault(rung, []).append(budget)
+    values = rungs.frame.loc[list(limits_of)].assign(codec=lambda rung: rung["line"])
+    values["budgets"] = [_span(limits) for limits in limits_of.values()]
+    values["stale"] = stale_of(rungs, values["codec"], [material])
+    first_seen, _ = pd.factorize(values["codec"])
+    values = values.iloc[first_seen.argsort(kind="stable")]  # the rungs of a codec stand together
+    columns = [CODEC, Column("rung", "", "setting"), _budgets_column(rungs), _TOTAL]
+    columns += [Column("validation", "dB", "validation", 2), *METRICS]
+    columns += [Column(kind, unit_of(kind), kind, -3) for kind in rungs.times]
+    return written("rungs", f"{material}: the rung of each budget", values, columns, notes, words=3, material=material)
+
+
+def _budgets_column(rungs: Rungs) -> Column:
+    """The column of the budgets that choose a rung."""
+    return Column("at bits, times" if rungs.times else "at bits a texel", "", "budgets")
 
 
 def _ladders(rungs: Rungs) -> pd.DataFrame:

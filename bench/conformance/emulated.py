@@ -12,7 +12,7 @@ import linecache
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -281,29 +281,41 @@ class _Operands:
 def _computed(op: Any, *args: Any, **kwargs: Any) -> Any:
     """Compute an operation of the device on the CPU. Counts it, and records it where a graph is recorded."""
     operands = _Operands(op)
-    name = operands.name
     unnamed = [tree.tree_map(partial(operands.lowered, position=i), argument) for i, argument in enumerate(args)]
     named = {key: tree.tree_map(operands.lowered, value) for key, value in kwargs.items()}
-    # PyTorch wraps a number as a tensor for some operations, and unwraps it again for a kernel in Python.
-    arguments = zip(op._schema.arguments, args, strict=False)
-    was_unwrapped = any(isinstance(x, int | float) and str(declared.type) == "Tensor" for declared, x in arguments)
-    compute = op._overloadpacket if was_unwrapped else op
+    compute = partial(_accepting(op, args), *unnamed, **named)
     if _recording:
-        declared = op._schema.arguments
-        given = {argument.name: value for argument, value in zip(declared, args, strict=False)} | kwargs
-        for argument in declared:
-            if argument.is_write:
-                tree.tree_map_only(Tensor, _recording[-1].keep, given.get(argument.name))
-    results = compute(*unnamed, **named)
-    starts_kernel = not operands.only_views(results) and not name.startswith(_WITHOUT_KERNEL)
+        _keep_written(op, args, kwargs)
+    results = compute()
+    starts_kernel = not operands.only_views(results) and not operands.name.startswith(_WITHOUT_KERNEL)
     if starts_kernel:
         for traffic in _traffic:
-            counter = traffic.waits if name in _WAITING else traffic.kernels
-            counter[name] += 1
+            counter = traffic.waits if operands.name in _WAITING else traffic.kernels
+            counter[operands.name] += 1
     raised = tree.tree_map(operands.raised, results)
     if _recording and starts_kernel:
-        _record(name, partial(compute, *unnamed, **named), results)
+        _record(operands.name, compute, results)
     return raised
+
+
+def _accepting(op: Any, args: Sequence[Any]) -> Callable[..., Any]:
+    """The operation in a form that takes these arguments: PyTorch wraps a number as a tensor for some overloads, and
+    unwraps it again for a kernel in Python, so that only another overload takes it."""
+    for declared, given in zip(op._schema.arguments, args, strict=False):
+        if str(declared.type) == "Tensor" and isinstance(given, int | float):
+            overloads: Callable[..., Any] = op._overloadpacket
+            return overloads
+    same: Callable[..., Any] = op
+    return same
+
+
+def _keep_written(op: Any, args: Sequence[Any], kwargs: dict[str, Any]) -> None:
+    """Note for the recorded graph the tensors that an operation writes into, before it does."""
+    declared = op._schema.arguments
+    given = {argument.name: value for argument, value in zip(declared, args, strict=False)} | kwargs
+    for argument in declared:
+        if argument.is_write:
+            tree.tree_map_only(Tensor, _recording[-1].keep, given.get(argument.name))
 
 
 def _record(name: str, compute: Callable[[], Any], results: Any) -> None:
@@ -360,11 +372,8 @@ def _convolved_back(grad: Tensor, *args: Any) -> Any:
 def left_in(frame: FrameType, line: int) -> list[str]:
     """The names on a line of a frame's code that are tensors of the CPU, or hold some: variables and globals."""
     words = re.findall(r"\w+", linecache.getline(frame.f_code.co_filename, line))
-    values = frame.f_globals | frame.f_locals
-    names = list[str]()
-    for word in dict.fromkeys(words):
-        names += [name for name in left_behind({word: values.get(word)}) if name not in names]
-    return names
+    variables = frame.f_globals | frame.f_locals
+    return left_behind({word: variables.get(word) for word in words})
 
 
 def left_behind(owner: object) -> list[str]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from bench.btf import BTF, Array
 from bench.codec import Progress, silent
+from bench.data.readers.exr import write_exr
 from bench.demand.collect import queries_of
 from bench.demand.demand import Demand
 from bench.demand.frame_scorer import truth
@@ -123,7 +124,7 @@ def write(path: Path, picture: Array, exposure: float, captions: Sequence[str] =
     check_ending(path)
     with writable(path), replacing(path) as partial:
         if path.suffix == ".exr":
-            _write_exr(partial, picture)
+            write_exr(partial, picture.astype(np.float32))  # colours are weighted by alpha, as EXR has it
         else:
             _write_png(partial, picture, exposure, captions)
 
@@ -138,15 +139,6 @@ def check_ending(path: Path) -> None:
     """Raise `InputError` unless the name of a picture ends in one of `SUFFIXES`."""
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: the name of a picture must end in {' or '.join(SUFFIXES)}")
-
-
-def _write_exr(path: Path, picture: Array) -> None:
-    """Write a picture (H, W, 4) as float32; its colours are already weighted by alpha, as EXR has it."""
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"RGBA": np.ascontiguousarray(picture, np.float32)}) as file:
-        file.write(str(path))
 
 
 def _write_png(path: Path, picture: Array, exposure: float, captions: Sequence[str]) -> None:

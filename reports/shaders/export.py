@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import OpenEXR
 
+from bench.data.readers.exr import write_exr
 from bench.files.atomic import begins, make_folder, refuse_other_kind, replacing, write
 from bench.inputs.errors import InputError
 from bench.program import Program
@@ -127,9 +127,8 @@ def export(
     files = [function, exact, half, readme]
     write(function, code.text.encode())
     for path, array in ((exact, code.exact), (half, code.half)):
-        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-        with replacing(path) as partial, OpenEXR.File(header, {"RGBA": np.ascontiguousarray(array)}) as file:
-            file.write(str(partial))
+        with replacing(path) as partial:
+            write_exr(partial, array)
     write(readme, _readme(program, code, name, language, source, vectors).encode())
     if code.layers.size:
         weights = folder / "weights.bin"

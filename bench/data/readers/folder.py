@@ -7,7 +7,6 @@ periodic (repeats without a seam), and says that the angles are degrees.
 """
 
 import csv
-import errno
 import io
 import json
 import os
@@ -25,12 +24,13 @@ from bench.data.readers.checks import (
     unit_note,
     view_major,
 )
+from bench.data.readers.exr import write_exr
 from bench.data.readers.files import Candidate, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.directions.hemisphere import to_degrees
 from bench.files.archive import inside
 from bench.files.atomic import make_folder
-from bench.inputs.errors import NO_PLACE, InputError, readable
+from bench.inputs.errors import InputError, readable
 
 LIST, NOTES = "pairs.csv", "btf.json"
 ANGLES = ("theta_o_deg", "phi_o_deg", "theta_i_deg", "phi_i_deg")
@@ -187,25 +187,3 @@ def write_folder(btf: BTF, path: str | Path) -> None:
             if btf.heldout is not None:
                 cells.append("heldout" if btf.heldout[index] else "train")
             out.writerow(cells)
-
-
-def write_exr(path: Path, picture: Array) -> None:
-    """Write a picture (H, W, 3) as an EXR with channels R, G, B of float32; the compression (ZIP) loses nothing.
-
-    `OSError` with the number of the system's error, or `EIO`, if it cannot be written.
-    """
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    channels = {name: np.ascontiguousarray(picture[..., i], np.float32) for i, name in enumerate("RGB")}
-    try:
-        OpenEXR.File(header, channels).write(str(path))
-    except RuntimeError as error:
-        # The library passes on only the text of the system's error, but callers tell a full disk by its number. So the
-        # number is found again by the text.
-        number = errno.EIO
-        for full_disk_number in NO_PLACE:
-            if os.strerror(full_disk_number) in str(error):
-                number = full_disk_number
-                break
-        raise OSError(number, os.strerror(number), str(path)) from error

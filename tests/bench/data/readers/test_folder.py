@@ -3,7 +3,8 @@ import pytest
 from PIL import Image
 
 from bench.data.readers import open_btf
-from bench.data.readers.folder import write_exr, write_folder
+from bench.data.readers.exr import write_exr
+from bench.data.readers.folder import write_folder
 from bench.directions.hemisphere import from_angles, from_degrees
 from bench.inputs.errors import InputError
 
