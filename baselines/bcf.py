@@ -3,7 +3,8 @@
 Weinreich et al., "Real-time neural materials using block-compressed features" (Eurographics 2024), learn features in
 the layout of BC6 blocks, emulate their decoding in training, and decode channels of a material from them. The blocks
 here are BC1's, three latents in four bits a texel, and a network like NeuBTF's answers with radiance. From halfway
-through the fit ends and places between them are rounded as in the file. See docs/recipes.md.
+through the fit ends and places between them are rounded as in the file. Further textures may lie at half and a quarter
+of the resolution, as in Intel's texture set neural compression. See docs/recipes.md.
 
 A texel has three latents for each of T *textures*. B *blocks* of 4 × 4 texels cover a texture. A block has two *ends*,
 colours of three channels, and each of its texels lies on the line between them: its *share* of the way, from 0 to 1,
@@ -11,8 +12,8 @@ becomes one of four *steps*. The network answers log radiance.
 """
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -21,13 +22,16 @@ from baselines import bc1
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
-from bench.inputs.settings import Layers, Width
+from bench.inputs.settings import IF_SET, Layers, Width
 from bench.material import Material
-from bench.training import Batch, DirectedObjective, FitSettings, Samples, TextureMaterial, first_latents, fitted
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, fitted
 from bench.training.decoder import Architecture, Decoder
+from bench.training.gridded import DirectedGriddedMaterial, GriddedNetwork
+from bench.training.grids import Further, on_grids, size_of
 from bench.training.inputs import COUNTS, Directions
 from bench.training.stored_network import load_network
 
+CHANNELS = 3  # of a texture
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # share of the steps after which latents are those of real blocks
 LEAST = 0.05  # least half length of a block's line at the start, because ends that meet would always move together
@@ -48,43 +52,65 @@ class BCF(Codec):
     }
     """
 
-    name, version = "bcf", 2
+    name, version = "bcf", 3
     sizes = ("textures", "width")
 
     @dataclass(frozen=True)
     class Settings(FitSettings):
         textures: Width = 8  # of BC1 blocks, three latents each
+        half: Further = field(default=0, metadata=IF_SET)  # further textures at half the resolution
+        quarter: Further = field(default=0, metadata=IF_SET)  # further textures at a quarter of it
+        offset: Further = field(default=0, metadata=IF_SET)  # hidden channels of what moves a look-up along the view
         directions: Directions = "xyzh"  # inputs: x and y of both, or all of both and of their half vector
         layers: Layers = 3  # hidden layers of the network
         width: Width = 32  # channels of each hidden layer
 
         @property
+        def channels(self) -> dict[str, int]:
+            """The number of latents of each grid of textures that there is: see `bench.training.grids`."""
+            textures = {"latents": self.textures, "latents2": self.half, "latents4": self.quarter}
+            if self.offset:
+                textures["offset"] = 1
+            return {grid: CHANNELS * count for grid, count in textures.items() if count}
+
+        @property
+        def latents(self) -> int:
+            """The latents that the network sees of all grids."""
+            return CHANNELS * (self.textures + self.half + self.quarter)
+
+        @property
         def architecture(self) -> Architecture:
             """The network that reads the latents of all textures and the directions."""
-            inputs = 3 * self.textures + COUNTS[self.directions]
+            inputs = self.latents + COUNTS[self.directions]
             widths = (self.width,) * self.layers
             return Architecture(inputs, widths, activation="sine", omega=OMEGA, norm=True, residual=True)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit blocks and network to the training pairs; returns the parts of the file."""
         fitting = fitted(BCFObjective, self.settings, btf, fit)
-        stored = fitting.stored_blocks()
-        texture = {"blocks": stored.blocks.flatten(), "low": stored.low, "span": stored.span}
-        return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
+        textures: dict[str, Tensor] = {}
+        for grid, texture in fitting.textures.items():
+            stored = texture.stored()
+            textures |= {f"{grid}.{name}": tensor for name, tensor in stored._asdict().items()}
+        return fitting.parts(textures, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `InputError` if there are too few or too many blocks."""
-        network = load_network(Decoder(self.settings.architecture), parts.decoder)
-        size = tuple(parts.other["size"].tolist())
-        textures = self.settings.textures
-        low, span = parts.texture["low"].float(), parts.texture["span"].float()
-        blocks = parts.texture["blocks"]
-        expected_bytes = math.prod(blocks_across(size)) * textures * bc1.BYTES
-        if min(size) < 1 or blocks.shape != (expected_bytes,):
-            raise InputError(f"its blocks do not fit {size[0]} × {size[1]} texels: encode it again")
-        codes = colours_of_blocks(blocks.view(-1, textures, bc1.BYTES), size)  # (H, W, T, 3)
-        texture = low + span * (codes.flatten(2) / 255)  # (H, W, 3 · T), from codes of eight bits
-        return TextureMaterial(network, texture, float(parts.other["gain"]), self.settings.directions).to(device)
+        settings = self.settings
+        height, width = parts.other["size"].tolist()
+        grids = {}
+        for grid, channels in settings.channels.items():
+            blocks, low, span = (parts.texture[f"{grid}.{name}"] for name in StoredBlocks._fields)
+            size = size_of(grid, (height, width))
+            expected_bytes = math.prod(blocks_across(size)) * channels // CHANNELS * bc1.BYTES
+            if min(size) < 1 or blocks.shape != (expected_bytes,):
+                raise InputError(f"its blocks do not fit {height} × {width} texels: encode it again")
+            codes = colours_of_blocks(blocks.view(-1, channels // CHANNELS, bc1.BYTES), size)  # (h, w, T, 3)
+            grids[grid] = low.float() + span.float() * (codes.flatten(2) / 255)  # (h, w, 3 · T), from codes of 8 bits
+        network = GriddedNetwork(Decoder(settings.architecture), settings, (height, width), offset_channels=CHANNELS)
+        load_network(network, parts.decoder)
+        flops, gain = settings.architecture.flops, float(parts.other["gain"])
+        return DirectedGriddedMaterial(network, grids, flops, gain, settings.directions).to(device)
 
 
 def blocks_across(size: tuple[int, ...]) -> tuple[int, int]:
@@ -117,28 +143,29 @@ def colours_of_blocks(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
 
 
 class StoredBlocks(NamedTuple):
-    """The fitted blocks as the file holds them."""
+    """The fitted blocks of a grid as the file holds them."""
 
-    blocks: Tensor  # (B · T, 8), uint8
+    blocks: Tensor  # (B · T · 8,), uint8
     low: Tensor  # (3 · T,), the latent of each channel that is stored as 0
     span: Tensor  # (3 · T,), the highest latent, stored as the highest code, less `low`
 
 
-class BCFObjective(DirectedObjective):
-    """The ends (2, B, T, 3) of each block's lines, each texel's share (H · W, T) of the way, and the network: all of
-    them are fitted."""
+class BlockTexture(nn.Module):
+    """T textures of a grid (h, w): the ends (2, B, T, 3) of each block's lines and each texel's share (h · w, T) of the
+    way, all of them fitted."""
 
-    def __init__(self, samples: Samples, settings: BCF.Settings, generator: torch.Generator):
-        """Start the blocks at lines through the first latents of their texels; the network's weights are the first
-        numbers of the generator."""
-        super().__init__(samples, settings, generator)
-        within = texels_of_blocks(samples.shape)  # (B, 16)
+    def __init__(self, first: Tensor):
+        """Start at lines through the first latents (h, w, 3 · T) of the blocks' texels."""
+        super().__init__()
+        self.size = first.shape[0], first.shape[1]
+        within = texels_of_blocks(self.size)  # (B, 16)
         # (texels, 3, T): channel c of texture t is the latent c · T + t.
-        latents = first_latents(samples, 3 * settings.textures, settings.start, generator).unflatten(1, (3, -1))
+        latents = first.flatten(0, 1).unflatten(1, (CHANNELS, -1))
         ends, shares = lines(latents.mT[within])  # of latents (B, 16, T, 3)
         self.ends = nn.Parameter(ends)
-        block = torch.empty(samples.texels, dtype=torch.long)
-        share = torch.empty(samples.texels, settings.textures)
+        count, textures = latents.shape[0], latents.shape[2]
+        block = torch.empty(count, dtype=torch.long)
+        share = torch.empty(count, textures)
         # The block of each texel, and its share there. A texel that repeats beyond the border is in several blocks.
         # Blocks are gone through backwards, and each overwrites the one before, so that the first of several stays.
         texels = within.flatten().flip(0)  # (B · 16,)
@@ -150,30 +177,24 @@ class BCFObjective(DirectedObjective):
         self.within = nn.Buffer(within, persistent=False)  # (B, 16)
         self.levels = nn.Buffer(LEVELS, persistent=False)  # (3,)
         # The range of each channel's codes; a span of 0 means that there are none yet.
-        self.low = nn.Buffer(torch.zeros(settings.textures, 3))
-        self.span = nn.Buffer(torch.zeros(settings.textures, 3))
+        self.low = nn.Buffer(torch.zeros(textures, CHANNELS))
+        self.span = nn.Buffer(torch.zeros(textures, CHANNELS))
         self.ranged = False  # whether the range is set: kept on the host, which else would wait for a GPU at each step
 
-    def restored(self) -> None:
-        """Set `ranged` again, once the tensors came from a state."""
-        super().restored()
-        self.ranged = bool(self.span.any())
-
-    def predict(self, batch: Batch, progress: float) -> Tensor:
-        """Log radiance (n, 3). The network sees latents on the lines of their blocks, from halfway on as in the file.
+    def forward(self, as_stored: bool) -> Tensor:
+        """The latents (h, w, 3 · T): on the lines of their blocks, or with `as_stored` as the file gives them back.
 
         The gradient ignores the rounding. Clamps the fitted shares to 0 and 1 in place.
         """
         with torch.no_grad():
             self.share.clamp_(0, 1)
-        first, second = self.ends[:, self.block[batch.texel]]  # (n, T, 3) each
-        share = self.share.index_select(0, batch.texel)  # (n, T)
-        latents = first + share[..., None] * (second - first)
-        if progress >= ROUNDED_FROM:
+        first, second = self.ends.index_select(1, self.block)  # (texels, T, 3) each
+        latents = first + self.share[..., None] * (second - first)
+        if as_stored:
             with torch.no_grad():  # so that the gradient passes as if nothing were rounded
-                change_by_rounding = self.rounded(first, second, share) - latents
+                change_by_rounding = self.rounded(first, second) - latents
             latents = latents + change_by_rounding
-        return self.answers(latents.flatten(1), batch.pair)
+        return latents.view(*self.size, -1)
 
     def codes(self, ends: Tensor) -> Tensor:
         """The codes of ends (…, T, 3) in 5, 6 and 5 bits, int64.
@@ -188,19 +209,17 @@ class BCFObjective(DirectedObjective):
         codes = ((ends - self.low) / self.span * self.levels).round()
         return codes.clamp_min(0).minimum(self.levels).long()
 
-    def rounded(self, first: Tensor, second: Tensor, share: Tensor) -> Tensor:
-        """The latents (n, T, 3) that a file gives back for texels with those ends (n, T, 3) and shares (n, T)."""
+    def rounded(self, first: Tensor, second: Tensor) -> Tensor:
+        """The latents (texels, T, 3) that a file gives back for texels between those ends (texels, T, 3)."""
         first_colour = bc1.widened(self.codes(first))
         second_colour = bc1.widened(self.codes(second))
-        colour = bc1.between(first_colour, second_colour, (3 * share).round().long())  # four steps, 0 … 3
+        colour = bc1.between(first_colour, second_colour, (3 * self.share).round().long())  # four steps, 0 … 3
         return self.low + self.span * (colour / 255)
 
     @torch.no_grad()
-    def stored_blocks(self) -> StoredBlocks:
-        """The blocks and the channels' ranges for the file. Clamps the fitted shares to 0 and 1 in place."""
-        self.share.clamp_(0, 1)
-        first, second = self.ends
-        latents = self.rounded(first[self.block], second[self.block], self.share)  # (texels, T, 3)
+    def stored(self) -> StoredBlocks:
+        """The blocks and the channels' ranges for the file."""
+        latents = self(as_stored=True).flatten(0, 1).unflatten(1, (-1, CHANNELS))  # (texels, T, 3)
         # The steps are found anew from the latents: a texel that a block repeats from beyond the border was fitted on
         # the line of another block.
         ends = self.codes(self.ends)  # (2, B, T, 3)
@@ -212,7 +231,33 @@ class BCFObjective(DirectedObjective):
         steps = (3 * share).round().clamp(0, 3).long().transpose(1, 2).flatten(0, 1)  # (B · T, 16)
         ends_of_block = ends.movedim(0, 2).flatten(0, 1)  # (B · T, 2, 3)
         blocks = bc1.write(ends_of_block.cpu(), steps.cpu())
-        return StoredBlocks(blocks, self.low.flatten().cpu(), self.span.flatten().cpu())
+        return StoredBlocks(blocks.flatten(), self.low.flatten().cpu(), self.span.flatten().cpu())
+
+
+class BCFObjective(DirectedObjective):
+    """The textures of each grid and the network, all of them fitted."""
+
+    def __init__(self, samples: Samples, settings: BCF.Settings, generator: torch.Generator):
+        """Start the blocks at lines through the first latents of their texels; the network's weights are the first
+        numbers of the generator."""
+        super().__init__(samples, settings, generator)
+        shape = samples.shape
+        self.network: Any = GriddedNetwork(self.network, settings, shape, generator, offset_channels=CHANNELS)
+        first = first_latents(samples, settings.latents, settings.start, generator)
+        grids = on_grids(first, shape, settings.channels)
+        self.textures: Any = nn.ModuleDict({grid: BlockTexture(latents) for grid, latents in grids.items()})
+
+    def restored(self) -> None:
+        """Set `ranged` again, once the tensors came from a state."""
+        super().restored()
+        for texture in self.textures.values():
+            texture.ranged = bool(texture.span.any())
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3). From halfway through the fit on the network sees the latents that the file will give."""
+        as_stored = progress >= ROUNDED_FROM
+        grids = {grid: texture(as_stored) for grid, texture in self.textures.items()}
+        return self.answers(self.network.fetch_batch(grids, self.samples, batch), batch.pair)
 
 
 def lines(latents: Tensor) -> tuple[Tensor, Tensor]:

@@ -192,7 +192,7 @@ class GriddedLatents(FreeDecoder):
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) of a batch, from half of the fit on of textures as the file stores them."""
-        latents = self.network.fetch_batch(self.grids, self.samples, batch)
+        latents = self.network.fetch_batch(self.grids.rounded(), self.samples, batch)
         statistics = self.rounding(self.statistics.flatten(1)).index_select(0, batch.texel)
         return rainer.log_radiance(self.network, torch.cat([latents, statistics], 1), self.where(batch))
 

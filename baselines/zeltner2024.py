@@ -161,7 +161,7 @@ class Zeltner2024Objective(TextureObjective):
 
     def outputs(self, batch: Batch) -> Tensor:
         """The network's outputs (n, 3) at the texels and pairs of a batch; see `FramedNetwork`."""
-        latents = self.network.fetch_batch(self.grids, self.samples, batch)
+        latents = self.network.fetch_batch(self.grids.rounded(), self.samples, batch)
         return self.network(latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
 
     def predict(self, batch: Batch, progress: float) -> Tensor:

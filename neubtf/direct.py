@@ -12,11 +12,11 @@ from torch import Tensor
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.material import Material, to_radiance
+from bench.material import Material
 from bench.training import Batch, DirectedObjective, FitSettings, Samples, fitted
 from bench.training.decoder import Architecture, Decoder
 from bench.training.gridded import (
-    GriddedMaterial,
+    DirectedGriddedMaterial,
     GriddedNetwork,
     first_grids,
     gridded_parts,
@@ -24,7 +24,7 @@ from bench.training.gridded import (
     load_gridded,
 )
 from bench.training.grids import GridSettings, total
-from bench.training.inputs import COUNTS, direction_inputs
+from bench.training.inputs import COUNTS
 from bench.training.stored_network import load_network
 from neubtf.renderer import RendererSettings, load
 
@@ -62,7 +62,9 @@ class NeuBTFDirect(Codec):
             return load(parts, settings).to(device)
         grids = load_gridded(parts, settings)
         network = GriddedNetwork(Decoder(settings.architecture), settings, grids["latents"].shape[:2])
-        return GriddedRenderer(load_network(network, parts.decoder), grids, parts, settings).to(device)
+        load_network(network, parts.decoder)
+        flops, gain = settings.architecture.flops, float(parts.other["gain"])
+        return DirectedGriddedMaterial(network, grids, flops, gain, settings.directions).to(device)
 
 
 class Direct(DirectedObjective):
@@ -76,22 +78,4 @@ class Direct(DirectedObjective):
         self.grids = first_grids(samples, settings, settings.start, generator)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        return self.answers(self.network.fetch_batch(self.grids, self.samples, batch), batch.pair)
-
-
-class GriddedRenderer(GriddedMaterial):
-    """The renderer on several grids, or with an offset."""
-
-    def __init__(
-        self, network: GriddedNetwork, grids: dict[str, Tensor], parts: Parts, settings: NeuBTFDirect.Settings
-    ):
-        """Keep the parts, and the kind of the network's directions."""
-        super().__init__(network, grids, settings.architecture.flops, float(parts.other["gain"]))
-        self.directions = settings.directions
-
-    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
-        of detail."""
-        latents = self.latents(uv, wo)
-        directions = [values.to(latents.dtype) for values in direction_inputs(wo, wi, self.directions)]
-        return to_radiance(self.network(torch.cat([latents, *directions], 1)), self.gain)
+        return self.answers(self.network.fetch_batch(self.grids.rounded(), self.samples, batch), batch.pair)

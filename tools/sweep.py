@@ -46,7 +46,7 @@ OWN: dict[str, list[dict[str, Any]]] = {
     "rainer2019": [{"latents": 4} | GRIDS, {"offset": 32}],
     "zeltner2024": [{"latents": 4} | GRIDS, {"offset": 32}],
     "ntc": [{"rounding": "noise"}, {"reduction": 2}],
-    "bcf": [{"latent_rate": 5e-3}, {"latent_rate": 2e-2}],
+    "bcf": [{"textures": 4, "half": 8, "quarter": 8}, {"offset": 32}],
     "triple-plane": [{"plane_rate": 5e-3}, {"blur": 2.5}],
 }
 START = {"neubtf": "encoder", "rainer2019": "encoder"}  # of others, whose start is mixed: components

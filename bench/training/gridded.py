@@ -10,9 +10,10 @@ import torch
 from torch import Tensor, nn
 
 from bench.codec import Parts
-from bench.material import DecoderCost, Material, sample_texture
-from bench.training.grids import FACTORS, Grids, Offset, load_grids, total
+from bench.material import DecoderCost, Material, sample_texture, to_radiance
+from bench.training.grids import FACTORS, OFFSET_CHANNELS, Grids, Offset, load_grids, total
 from bench.training.initial_latents import Start, first_latents
+from bench.training.inputs import Directions, direction_inputs
 from bench.training.samples import Batch, Samples
 from bench.training.stored_texture import load_texture
 from bench.training.texture_fit import TextureObjective
@@ -30,12 +31,19 @@ class GriddedNetwork(nn.Module):
     """
 
     def __init__(
-        self, decoder: nn.Module, settings: Any, size: tuple[int, ...], generator: torch.Generator | None = None
+        self,
+        decoder: nn.Module,
+        settings: Any,
+        size: tuple[int, ...],
+        generator: torch.Generator | None = None,
+        offset_channels: int = OFFSET_CHANNELS,
     ):
         super().__init__()
         self.decoder: Any = decoder
-        height, width = size
-        self.offset = Offset(settings.offset, (height, width), generator) if settings.offset else None
+        self.offset: Offset | None = None
+        if settings.offset:
+            height, width = size
+            self.offset = Offset(settings.offset, (height, width), generator, channels=offset_channels)
 
     def forward(self, *inputs: Tensor) -> Tensor:
         return self.decoder(*inputs)
@@ -46,12 +54,11 @@ class GriddedNetwork(nn.Module):
             uv = self.offset.moved(uv, sample_texture(grids["offset"], uv), wo)
         return torch.cat([sample_texture(grids[name], uv) for name in FACTORS if name in grids and name != "offset"], 1)
 
-    def fetch_batch(self, grids: Grids, samples: Samples, batch: Batch) -> Tensor:
-        """The latents (n, D) of a batch, from half of the fit on of grids as the file will hold them."""
-        values = grids.rounded()
-        if values.keys() == {"latents"}:  # queries are at centres of texels
-            return values["latents"].flatten(0, 1).index_select(0, batch.texel)
-        return self.fetch(values, samples.centres(batch.texel), samples.wo.index_select(0, batch.pair))
+    def fetch_batch(self, grids: dict[str, Tensor], samples: Samples, batch: Batch) -> Tensor:
+        """The latents (n, D) of all grids (h, w, C) for a batch."""
+        if grids.keys() == {"latents"}:  # queries are at centres of texels
+            return grids["latents"].flatten(0, 1).index_select(0, batch.texel)
+        return self.fetch(grids, samples.centres(batch.texel), samples.wo.index_select(0, batch.pair))
 
 
 def first_grids(samples: Samples, settings: Any, start: Start, generator: torch.Generator, **more: Any) -> Grids:
@@ -104,3 +111,21 @@ class GriddedMaterial(Material):
     def latents(self, uv: Tensor, wo: Tensor) -> Tensor:
         """The latents (n, D) at uv (n, 2) for views wo (n, 3)."""
         return self.network.fetch({name: getattr(self, f"grid_{name}") for name in self.names}, uv, wo)
+
+
+class DirectedGriddedMaterial(GriddedMaterial):
+    """Grids and a network whose inputs are the latents, then those of the two directions, of a kind."""
+
+    def __init__(
+        self, network: GriddedNetwork, grids: dict[str, Tensor], flops: int, gain: float, directions: Directions
+    ):
+        """Keep the parts, and the kind of the network's directions."""
+        super().__init__(network, grids, flops, gain)
+        self.directions = directions
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail."""
+        latents = self.latents(uv, wo)
+        directions = [values.to(latents.dtype) for values in direction_inputs(wo, wi, self.directions)]
+        return to_radiance(self.network(torch.cat([latents, *directions], 1)), self.gain)

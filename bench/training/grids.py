@@ -59,6 +59,24 @@ def size_of(name: str, shape: tuple[int, int]) -> tuple[int, int]:
     return math.ceil(height / factor), math.ceil(width / factor)
 
 
+def on_grids(first: Tensor, shape: tuple[int, int], counts: dict[str, int]) -> dict[str, Tensor]:
+    """Latents (H · W, C) of a picture (H, W) as means on grids (h, w, c), with `counts` channels c of each.
+
+    The first channels are for the grid at full resolution, the next for that at half, then a quarter. The offset's grid
+    has the first channels again: components that separate texels also separate heights.
+    """
+    picture = first.T.unflatten(1, shape)  # (C, H, W), as pooling takes it
+    grids = {}
+    start = 0  # first of the channels that no grid has yet
+    for name, count in counts.items():
+        part = picture[:count] if name == "offset" else picture[start : start + count]
+        start += len(part)  # the offset's grid is the last
+        missing = picture.new_zeros(count - len(part), *shape)  # of an offset of more channels than all latents
+        mean = functional.adaptive_avg_pool2d(torch.cat([part, missing]), size_of(name, shape))
+        grids[name] = mean.permute(1, 2, 0).contiguous()  # (h, w, c)
+    return grids
+
+
 class Grids(nn.Module):
     """The grids of a fit, free: `values[name]` (h, w, C), and the rounding of each."""
 
@@ -70,24 +88,17 @@ class Grids(nn.Module):
         offset: bool = True,
         bound: Callable[[Tensor], Tensor] | None = None,
     ):
-        """Start at latents (H · W, `total`): the first channels at full resolution, the next at half, then a quarter.
+        """Start at latents (H · W, `total`), shared out by `on_grids`; `offset=False` leaves out the offset's grid.
 
-        `offset=False` leaves out the offset's grid, which starts at the first channels: components that separate
-        texels also separate heights. `bound` is applied to the free numbers: what it returns is looked up and stored.
+        `bound` is applied to the free numbers: what it returns is looked up and stored.
         """
         super().__init__()
         self.bound = bound or nn.Identity()
         self.values: Any = nn.ParameterDict()
         self.roundings: Any = nn.ModuleDict()
-        picture = first.T.unflatten(1, shape)  # (C, H, W), as pooling takes it
-        start = 0  # first of the channels that no grid has yet
-        for name, count in channels(settings, offset).items():
-            part = picture[:count] if name == "offset" else picture[start : start + count]
-            start += len(part)  # the offset's grid is the last
-            missing = picture.new_zeros(count - len(part), *shape)  # of an offset of more channels than all latents
-            mean = functional.adaptive_avg_pool2d(torch.cat([part, missing]), size_of(name, shape))
-            self.values[name] = nn.Parameter(mean.permute(1, 2, 0).contiguous())  # (h, w, C)
-            self.roundings[name] = Rounding(count, settings.bits)
+        for name, mean in on_grids(first, shape, channels(settings, offset)).items():
+            self.values[name] = nn.Parameter(mean)
+            self.roundings[name] = Rounding(mean.shape[2], settings.bits)
 
     def rounded(self) -> dict[str, Tensor]:
         """The grids (h, w, C) as they are looked up: from half of the fit on as the file will hold them."""
@@ -123,14 +134,19 @@ class Offset(nn.Module):
     """
 
     def __init__(
-        self, width: int, size: tuple[int, int], generator: torch.Generator | None = None, by_view: bool = True
+        self,
+        width: int,
+        size: tuple[int, int],
+        generator: torch.Generator | None = None,
+        by_view: bool = True,
+        channels: int = OFFSET_CHANNELS,
     ):
-        """Make the network, of `width` hidden channels, for a picture of `size` (H, W)."""
+        """Make the network, of `width` hidden channels, for a picture of `size` (H, W) and latents of `channels`."""
         super().__init__()
         # (2,): the longer side in uv along u and along v. 1 and 1 of a square picture.
         self.periods = nn.Buffer(torch.tensor(periods(size)), persistent=False)
         self.by_view = by_view
-        inputs = OFFSET_CHANNELS + 3 * by_view  # x, y and z of ω_o
+        inputs = channels + 3 * by_view  # x, y and z of ω_o
         self.decoder = Decoder(Architecture(inputs, (width,), outputs=1), generator)
         self.gate = nn.Parameter(torch.zeros(1))
 
@@ -140,7 +156,7 @@ class Offset(nn.Module):
         return self.decoder.architecture.flops + 9  # those of `moved`
 
     def moved(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
-        """uv (n, 2), moved along views wo (n, 3) by the depth of latents (n, 4) there.
+        """uv (n, 2), moved along views wo (n, 3) by the depth of latents (n, `channels`) there.
 
         Depths are in units of the picture's longer side, so that a depth moves as far along u as along v.
         """

@@ -6,11 +6,10 @@ import torch
 from PIL import Image
 
 from baselines import bc1
-from baselines.bcf import BCF, BCFObjective, colours_of_blocks, lines
-from bench.codec import Fit, Parts
+from baselines.bcf import BCF, BlockTexture, colours_of_blocks, lines
+from bench.codec import Parts
 from bench.directions import hemisphere
-from bench.training import Samples, gain_of
-from tests.baselines.made import coded, cropped, normed_sines
+from tests.baselines.made import coded, normed_sines
 
 
 def codec(**settings: Any) -> BCF:
@@ -54,25 +53,23 @@ def test_another_decoder_reads_the_same_colours() -> None:
 
 @pytest.mark.parametrize("size", [(8, 8), (5, 7), (1, 1), (3, 8)])
 def test_the_fit_sees_what_the_file_gives_back(size: tuple[int, int]) -> None:
-    btf = cropped(*size)
-    fit, settings = Fit(), BCF.Settings(textures=2)
-    fitting = BCFObjective(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
+    generator = torch.Generator().manual_seed(0)
+    texture = BlockTexture(torch.randn(*size, 6, generator=generator))
     with torch.no_grad():
-        fitting.ends += 0.1 * torch.randn(fitting.ends.shape, generator=fit.generator())
-    blocks, low, span = fitting.stored_blocks()
+        texture.ends += 0.1 * torch.randn(texture.ends.shape, generator=generator)
+    seen = texture(as_stored=True)
+    blocks, low, span = texture.stored()
     stored = low + span * (colours_of_blocks(blocks.reshape(-1, 2, 8), size).flatten(2) / 255)
-    first, second = fitting.ends.detach()
-    seen = fitting.rounded(first[fitting.block], second[fitting.block], fitting.share.detach())
-    torch.testing.assert_close(stored.flatten(0, 1), seen.flatten(1), rtol=0, atol=0)
+    torch.testing.assert_close(stored, seen, rtol=0, atol=0)
 
 
 def answer(parts: Parts, row: int, col: int, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
     """Radiance (3,) at a texel's centre, from the tensors of a file of 8 × 8 texels, loop by loop."""
     latents = []
-    blocks = parts.texture["blocks"].numpy().reshape(2, 2, 8, 8)[row // 4, col // 4]
+    blocks = parts.texture["latents.blocks"].numpy().reshape(2, 2, 8, 8)[row // 4, col // 4]
     for block in blocks:
         latents += list(oracle_block(bytes(block))[row % 4, col % 4])
-    low, span = (parts.texture[name].double().numpy() for name in ("low", "span"))
+    low, span = (parts.texture[f"latents.{name}"].double().numpy() for name in ("low", "span"))
     h = (wo + wi) / np.linalg.norm(wo + wi)
     x = np.concatenate([low + span * np.array(latents) / 255, wo, wi, h])
     x = normed_sines(x, parts.decoder["weights"], (32, 33), (32, 32), (32, 32), (3, 32))
@@ -87,6 +84,23 @@ def test_a_decoded_file_answers_as_the_equations() -> None:
         expected = answer(parts, row, col, wo.astype(float), wi.astype(float))
         # Float32 sums of some tens of terms.
         np.testing.assert_allclose(found[row, col], expected, rtol=2e-4, atol=1e-5)
+
+
+def test_each_grid_has_its_blocks_and_takes_part() -> None:
+    """A texture at half the resolution has a quarter of the blocks; a change of any grid changes the answers."""
+    parts, material = coded(codec(textures=2, half=1, quarter=3, offset=8))
+    blocks = {name.split(".")[0]: len(tensor) // 8 for name, tensor in parts.texture.items() if "blocks" in name}
+    assert blocks == {"latents": 4 * 2, "latents2": 1, "latents4": 3, "offset": 1}  # of 8 × 8 texels
+    with torch.no_grad():
+        material.network.offset.gate.fill_(0.1)
+    wo, wi = [0.6, 0.0, 0.8], [0.0, 0.6, 0.8]
+    before = material.slice(wo, wi)
+    for name in blocks:
+        grid = getattr(material, f"grid_{name}")
+        kept = grid.clone()
+        grid.add_(torch.randn(grid.shape, generator=torch.Generator().manual_seed(1)))
+        assert (material.slice(wo, wi) - before).abs().max() > 1e-4, name
+        grid.copy_(kept)
 
 
 def test_the_first_ends_and_shares_lie_on_the_blocks_principal_axis() -> None:

@@ -76,7 +76,7 @@ def less(at: Any) -> Callable[[Tensor], Tensor]:
 @pytest.mark.parametrize(
     ("name", "settings", "part", "change", "match"),
     [
-        ("bcf", SMALL, "texture/blocks", less(slice(None, -8)), "8 × 8 texels"),
+        ("bcf", SMALL, "texture/latents.blocks", less(slice(None, -8)), "8 × 8 texels"),
         ("biplane", SMALL | {"bits": 32}, "decoder/half", less((..., slice(5))), "5 and 18 channels"),
         ("hsh", {}, "other/bands", lambda bands: torch.cat([torch.full_like(bands[:1], 4), bands[1:]]), "108 coef"),
         ("ptm", {}, "other/bands", lambda bands: torch.cat([torch.full_like(bands[:1], 4), bands[1:]]), "72 coef"),
