@@ -201,8 +201,8 @@ class Rungs:
     def picks(self, budget: Budget, surfaces: Sequence[str]) -> pd.DataFrame:
         """By line and surface: the number of the best rung by validation pairs that fits the budget.
 
-        It is of the settings measured on all of the surfaces. Ties go to the smaller file, then to the faster query,
-        then to the first. Lines without such a rung on each surface are left out.
+        It is of the settings measured on all of the surfaces. Ties go to the smaller file, then to the one that takes
+        less of the budget, then to the first. Lines without such a rung on each surface are left out.
         """
         places = self._places
         columns = [places.surfaces.index(name) for name in surfaces]
@@ -211,8 +211,7 @@ class Rungs:
         cost = "bits" if budget.kind == BYTES else budget.kind
         fits = wanted & common & (self._columns[cost] <= budget.most)
         # From the best on, so that the first of each line and surface is the one.
-        ties = [self._columns[name] for name in dict.fromkeys([cost, "bits"])]
-        best_first = np.lexsort([*ties, -self._columns["validation"]])
+        best_first = np.lexsort([self._columns[cost], self._columns["bits"], -self._columns["validation"]])
         best_first = best_first[fits[best_first]]
         of_cells = places.line[best_first] * len(places.surfaces) + places.surface[best_first]
         cells, first = np.unique(of_cells, return_index=True)

@@ -133,14 +133,16 @@ class LightSource:
     samples: Annotated[int, Range(1, MOST)] = 8
 
     def __post_init__(self) -> None:
-        """Raise `InputError` for an unknown kind, a field that it lacks or does not have, or a black environment."""
+        """Raise `InputError` for an unknown kind, a field that it lacks or does not have, a direction of 0, or a black
+        environment."""
         needs = {"directional": ("toward", "irradiance"), "point": ("position", "intensity"), "environment": ()}
         if self.kind not in needs:
             raise InputError(f"there is no kind {self.kind!r}{did_you_mean(self.kind, needs)}")
         for name in needs[self.kind]:
             if getattr(self, name) is None:
                 raise InputError(f"a {self.kind} light needs {name}")
-        takes = {"kind", *(needs[self.kind] or ("radiance", "lamps", "samples"))}
+        may_have = ("radiance", "lamps", "samples") if self.kind == "environment" else ()
+        takes = {"kind", *needs[self.kind], *may_have}
         for field in dataclasses.fields(self):
             if field.name not in takes and getattr(self, field.name) != field.default:
                 raise InputError(f"a light of kind {self.kind} has no {field.name}")

@@ -11,8 +11,8 @@ import torch
 
 @contextmanager
 def restored_process_state() -> Iterator[None]:
-    """Restore the working directory, settings and global generators of PyTorch and NumPy when the block ends: a codec
-    may change them, and the next job and the scores must not depend on that."""
+    """Restore the working directory, settings and global generators of the CPU (PyTorch's, NumPy's and Python's) when
+    the block ends: a codec may change them, and the next job and the scores must not depend on that."""
     folder = os.getcwd()
     dtype = torch.get_default_dtype()
     device = torch.get_default_device()

@@ -280,7 +280,7 @@ def read_scores(scores: Mapping[str, Group]) -> dict[str, Group]:
 
 
 def _chosen(group: Group, families: Mapping[str, Sequence[str]]) -> dict[str, Statistics]:
-    """The metrics of a group that belong to one of the families, with the statistics named there."""
+    """Of each family the metric of a group that tables show, see `metric_of`, with the statistics named there."""
     chosen: dict[str, Statistics] = {}
     for family, statistics in families.items():
         name = metric_of(group["metrics"], family)

@@ -173,17 +173,15 @@ def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = N
 
 @operation("pow")
 def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
-    """Powers; whole ones and roots without `pow`, which GLSL does not define for a negative base."""
-    if isinstance(exponent, Value):
-        return _each(m, step, "pow({0}, {1})", base, exponent).items
-    if exponent == 0.5:
-        return _each(m, step, FORMULAS["sqrt"], base).items
-    is_product = float(exponent).is_integer() and 1 <= abs(exponent) <= MOST_FACTORS
-    if not is_product:
-        return _each(m, step, "pow({0}, {1})", base, exponent).items
-    product = " * ".join(["{0}"] * int(abs(exponent)))
-    formula = product if exponent > 0 else f"1.0 / ({product})"
-    return _each(m, step, formula, base).items
+    """Powers; square roots and small whole powers without `pow`, which GLSL does not define for a negative base."""
+    if isinstance(exponent, float | int):
+        if exponent == 0.5:
+            return _each(m, step, FORMULAS["sqrt"], base).items
+        if float(exponent).is_integer() and 1 <= abs(exponent) <= MOST_FACTORS:
+            product = " * ".join(["{0}"] * int(abs(exponent)))
+            formula = product if exponent > 0 else f"1.0 / ({product})"
+            return _each(m, step, formula, base).items
+    return _each(m, step, "pow({0}, {1})", base, exponent).items
 
 
 @operation("where")

@@ -35,14 +35,15 @@ _RECORDING = threading.Lock()  # PyTorch's state while recording is global, so t
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence the warnings and logs of torch.export."""
+    """Silence what PyTorch warns, logs and prints while it records."""
+    before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
         with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
             warnings.simplefilter("ignore")
             yield
     finally:
-        logging.disable(logging.NOTSET)
+        logging.disable(before)
 
 
 @contextmanager

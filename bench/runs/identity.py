@@ -9,7 +9,7 @@ import hashlib
 import importlib.util
 import sys
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import packages_distributions, version
@@ -54,7 +54,7 @@ def _identity(roots: frozenset[str]) -> FitKey:
     return {"code": hashlib.sha256(lines.encode()).hexdigest(), "libraries": versions}
 
 
-def _reached(roots: Iterable[str]) -> tuple[dict[str, str], set[str]]:
+def _reached(roots: Collection[str]) -> tuple[dict[str, str], set[str]]:
     """A digest by name of each module that the roots import, directly or through others, and the top-level packages of
     the libraries that they import."""
     own = SUITE | {_top(root) for root in roots}  # read even if they are installed
@@ -75,8 +75,9 @@ def _reached(roots: Iterable[str]) -> tuple[dict[str, str], set[str]]:
             if "." in name:
                 waiting.append(name.rpartition(".")[0])  # a package runs before its modules
     for root in roots:
-        # Code typed into a shell has no source. A new digest in each process: its files are never reused.
-        digests.setdefault(root, str(uuid.uuid4()))
+        if _top(root) not in sys.stdlib_module_names:  # a codec may inherit from a class of the standard library
+            # Code typed into a shell has no source. A new digest in each process: its files are never reused.
+            digests.setdefault(root, str(uuid.uuid4()))
     return digests, libraries
 
 

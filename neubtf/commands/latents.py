@@ -14,6 +14,7 @@ from bench.codec import Terminal
 from bench.codecs import loading
 from bench.codecs.scene_material import SceneMaterial
 from bench.inputs.errors import FINE, InputError
+from bench.training.gridded import DirectedGriddedMaterial
 from neubtf.latents import draw
 from neubtf.renderer import NeuBTFMaterial
 
@@ -29,6 +30,8 @@ def run(options: argparse.Namespace, terminal: Terminal) -> int:
     header, material, _ = loading.load(options.file)
     if isinstance(material, SceneMaterial):
         material = material.inner
+    if isinstance(material, DirectedGriddedMaterial):
+        raise InputError(f"{options.file}: its latents lie on several grids: give a file without half, quarter, offset")
     if not isinstance(material, NeuBTFMaterial):
         raise InputError(f"{options.file}: it is a file of codec {header.codec}: give one of neubtf or neubtf-direct")
     out = options.out or options.file.with_suffix(".latents.png")

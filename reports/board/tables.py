@@ -170,6 +170,7 @@ def _psnr(entry: Entry) -> float:
 def _at_budgets(source: Publication) -> Iterator[Comparison]:
     """The comparison on each surface at each budget, by what each line reaches within it at test pairs."""
     rungs = rungs_of(source.run)
+    codecs, bits_of_rung = rungs.codecs, rungs.frame["bits"].tolist()
     for budget in rungs.limits:
         for material in rungs.surfaces:
             height, width = rungs.shapes[material]
@@ -178,11 +179,11 @@ def _at_budgets(source: Publication) -> Iterator[Comparison]:
             found: Any = rungs.reached(budget, [material])[material].to_dict()
             for line, psnr in found.items():
                 hull = rungs.hulls.get(line, {}).get(material)
-                if budget.kind == BYTES and hull:
+                if budget.kind == BYTES and hull:  # read off the curve: at the budget, or where the curve ends before
                     bits = min(budget.most, 2 ** hull.sizes[-1])
                 else:
-                    bits = rungs.frame["bits"].tolist()[picks[line]]
-                candidates.append(Candidate(rungs.codecs[line], Entry(line, round(bits * height * width / 8), psnr)))
+                    bits = bits_of_rung[picks[line]]
+                candidates.append(Candidate(codecs[line], Entry(line, round(bits * height * width / 8), psnr)))
             yield Comparison(material, f"{source.name}, {in_words(budget)}", candidates)
 
 

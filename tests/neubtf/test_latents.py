@@ -49,3 +49,10 @@ def test_a_file_of_another_codec_is_refused(tmp_path: Path, capsys) -> None:
     assert cli.main(["latents", str(tmp_path / "file.nbtf")]) == 2
     assert "codec mean-colour" in capsys.readouterr().err
     assert cli.main(["latents", str(tmp_path / "file.nbtf"), "-o", str(tmp_path)]) == 2
+
+
+def test_latents_on_several_grids_are_no_texture_to_draw(tmp_path: Path, capsys) -> None:
+    codec = load_codec("neubtf-direct")(steps=1, latents=3, half=2)
+    container.save(tmp_path / "file.nbtf", codec, codec.encode(tiny_btf(), Fit()))
+    assert cli.main(["latents", str(tmp_path / "file.nbtf")]) == 2
+    assert "half, quarter, offset" in capsys.readouterr().err

@@ -51,8 +51,8 @@ def run(options: argparse.Namespace) -> int:
     console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}, in {seconds:.0f} s")
     if surface.full_shape > surface.shape:
         texels = max(surface.full_shape)
-        whole = seconds * (texels / max(surface.shape)) ** 2
-        console.say(f"--size {texels} would keep all texels of the maps, and take about {whole:,.0f} s")
+        times = (texels / max(surface.shape)) ** 2
+        console.say(f"--size {texels} would keep all texels of the maps, and take {times:.0f} times as long")
     return FINE
 
 

@@ -66,7 +66,8 @@ def constant_vector(subject: Subject) -> Material:
     applicable(of_kind(material, nn.LayerNorm), "has no layer norm")
     for layer in of_kind(material, nn.Linear):
         layer.weight.zero_()
-        layer.bias.fill_(0.7)  # any number but 0
+        if layer.bias is not None:
+            layer.bias.fill_(0.7)  # any number but 0
     return material
 
 

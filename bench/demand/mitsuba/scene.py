@@ -111,7 +111,7 @@ def set_variant() -> None:
         return
     reason = unusable(plugins=True)
     if reason:
-        raise InputError(f"Mitsuba finds no CUDA device, and {reason}; or describe the scene in TOML")
+        raise InputError(f"Mitsuba finds no CUDA device, and {reason}")
     mi.set_variant("llvm_ad_rgb")
 
 

@@ -67,6 +67,14 @@ def test_libraries_that_shape_the_file_are_named(package):
     assert "sklearn" not in identity(load_codec("pca")())["libraries"]
 
 
+def test_a_codec_that_inherits_from_the_standard_library_has_the_same_identity_again():
+    roots = frozenset({"abc", "bench.codec"})
+    forget()
+    before = subject._identity(roots)
+    forget()
+    assert subject._identity(roots) == before
+
+
 def changed_source(monkeypatch, tmp_path, module):
     forget()
     file = subject._file
