@@ -51,7 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     code = _run(words)
     if argv is not None:
         return code
-    gc.freeze()  # else Python looks for garbage among all objects as it ends: a seventh of the time of `table front`
+    if "torch" not in sys.modules:  # with which come libraries that check, at the end, whether all is freed
+        gc.freeze()  # else Python looks for garbage among all objects as it ends: a seventh of the time of `table front`
     running = _threads_left()
     if running:
         print(f"neubtf-bench: a codec left {', '.join(running)} running; they are ended", file=sys.stderr)
