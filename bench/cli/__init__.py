@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is not None:
         return code
     if "torch" not in sys.modules:  # with which come libraries that check, at the end, whether all is freed
-        gc.freeze()  # else Python looks for garbage among all objects as it ends: a seventh of the time of `table front`
+        gc.freeze()  # else Python looks for garbage among all objects as it ends: a seventh of a table's time
     running = _threads_left()
     if running:
         print(f"neubtf-bench: a codec left {', '.join(running)} running; they are ended", file=sys.stderr)
