@@ -74,13 +74,11 @@ class Preparation:
 
         Scripts make a `Preparation` directly, past the checks of `changed`, so some fields are checked again here.
         """
-        bytes_of_a_texel = 3 * 4  # red, green and blue as float32
-        further = self.heldout + self.low_light + self.between
-        needed = bytes_of_a_texel * self.size**2 * (self.views * self.lights + further)
-        if needed > MOST:
+        if self.bytes_rendered > MOST:
+            further = self._further_pairs
             asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {further} pairs"
             limit = f"the limit is {MOST >> 30}: lower size, views, lights, heldout, low_light or between"
-            raise InputError(f"{asked} are {needed / 2**30:,.0f} GiB, but {limit}")
+            raise InputError(f"{asked} are {self.bytes_rendered / 2**30:,.0f} GiB, but {limit}")
         for name in ("heldout", "low_light", "between"):
             if getattr(self, name) < 0:
                 raise InputError(f"{name} must be at least 0, not {getattr(self, name)}")
@@ -95,6 +93,18 @@ class Preparation:
             raise InputError(f"validation = true scores further pairs: it needs {remedy}")
         if self.split == "validation" and not self.holdout:
             raise InputError('split = "validation" scores pairs by which settings are chosen: it needs holdout above 0')
+
+    @property
+    def _further_pairs(self) -> int:
+        """The number of pairs to render besides the product; see `tables`."""
+        draws = 2 if self.validation else 1  # of held-out pairs
+        return draws * self.heldout + self.low_light + min(self.between, self.heldout)
+
+    @property
+    def bytes_rendered(self) -> int:
+        """The bytes of the radiance of all pairs to render, as float32."""
+        bytes_of_a_texel = 3 * 4  # red, green and blue
+        return bytes_of_a_texel * self.size**2 * (self.views * self.lights + self._further_pairs)
 
     def product(self) -> tuple[Array, Array]:
         """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, all lights of a view
@@ -142,7 +152,7 @@ class Preparation:
         if self.heldout:
             tables.append(Table("heldout", self.described(draw), self.drawn(material, seed, draw)))
         if self.validation:
-            # `validation` is refused with that split; here it has done its work.
+            # `validation` is left out, because it is refused with that split.
             of_validation = dataclasses.replace(self, split="validation", validation=False)
             tables.append(Table("validation", of_validation.described(), of_validation.drawn(material, seed)))
         if self.low_light:  # the last pairs: without them the BTF is the same as if they had never been

@@ -258,7 +258,7 @@ def table(surface: Surface) -> str:
 def size_note(surface: Surface) -> str:
     """The texels (H, W) of a bake, and those of its maps if they are more."""
     note = f"{surface.shape[0]} × {surface.shape[1]} texels"
-    if surface.full_shape > surface.shape:
+    if max(surface.full_shape) > max(surface.shape):  # both have the same proportion
         note += f", of maps of {surface.full_shape[0]} × {surface.full_shape[1]}"
     return note
 

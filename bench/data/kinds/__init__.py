@@ -87,7 +87,10 @@ class Kind(ABC):
         return None
 
     def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
-        """The bytes of the radiance that opening it computes, as float32; 0 if it only reads radiance."""
+        """The bytes of the radiance that opening it computes, as float32; 0 if it only reads radiance.
+
+        It is asked only of a kind that gives no `outline`.
+        """
         return 0
 
     def needs_a_run(self, data: Preparation) -> bool:

@@ -128,19 +128,18 @@ def _refuse_truncated(data: bytes, end: int, attributes: dict[str, bytes], label
     count = -(-lines // _LINES_OF_A_CHUNK[compression])  # rounded up: the last chunk may have fewer lines
     table = data[end : end + 8 * count]
     places = np.frombuffer(table, "<u8", len(table) // 8)
-    is_whole = len(places) == count
-    for place in places.tolist():
-        # A place before the end of the header was never filled in. A chunk is its line and its size (4 bytes each), and
-        # that many bytes.
-        if not end <= place <= len(data) - 8:
-            is_whole = False
-            break
-        (size,) = struct.unpack_from("<i", data, place + 4)
-        if place + 8 + size > len(data):
-            is_whole = False
-            break
+    is_whole = len(places) == count and all(_holds_chunk(data, place, end) for place in places.tolist())
     if not is_whole:
         raise InputError(f"{label}: its pixels end early ({len(data):,} bytes): the picture is truncated; get it again")
+
+
+def _holds_chunk(data: bytes, place: int, end: int) -> bool:
+    """Whether the chunk at `place` lies within the file, behind the header, which ends at `end`."""
+    if not end <= place <= len(data) - 8:  # a place before the end of the header was never filled in
+        return False
+    # A chunk is its line and its size (4 bytes each), and that many bytes.
+    (size,) = struct.unpack_from("<i", data, place + 4)
+    return bool(place + 8 + size <= len(data))
 
 
 def read(path: Path, label: str, rgb_is_xyz: bool) -> Array:
