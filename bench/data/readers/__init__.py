@@ -41,7 +41,7 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
     outside_readers = outside.entries(READERS)
     outside_formats = [f"data of reader {name}" for name in outside_readers]
     supported = ", ".join([*READERS.values(), *outside_formats])
-    if not path.exists():
+    if not os.path.exists(path):  # False for a name too long, where Path.exists raises
         raise InputError(f"{path}: there is no such file or folder: give {supported}")
     try:
         seen = Candidate(path, angles)

@@ -197,6 +197,10 @@ def test_maps_are_given_by_hand(tmp_path, capsys):
     maps = recognise(folder, {"albedo": "photo.png", "roughness": "grey.png", "normal_gl": str(other)})
     assert maps.files == {"albedo": "photo.png", "roughness": "grey.png", "normal_gl": str(other)}
     assert set(maps.unused) == {"x_color.png", "x_rough.png"}
+    for path in ("./x_color.png", str(folder / "x_color.png")):  # of a file in the folder, whose name then says nothing
+        maps = recognise(folder, {"albedo": "photo.png", "metalness": path})
+        assert maps.files == {"albedo": "photo.png", "metalness": "x_color.png", "roughness": "x_rough.png"}
+    maps = recognise(folder, {"albedo": "photo.png", "roughness": "grey.png", "normal_gl": str(other)})
     surface = read_surface(maps, 8)
     np.testing.assert_allclose(surface.maps.roughness, 0.4, atol=1e-6)
     words = ["bake", str(folder), "-o", str(tmp_path / "a.npz"), "--size", "4", "--views", "1", "--lights", "1"]
