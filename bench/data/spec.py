@@ -57,7 +57,7 @@ class Preparation:
     split: Split = "test"  # held-out pairs: "test", another draw for each seed, or "validation", to choose settings
     validation: bool = False  # score validation pairs besides test pairs; fits to measured data then exclude them
     low_light: Annotated[int, Range(0, 100_000)] = 0  # further pairs, θ_i of 75° to 89°: scored, but deciding nothing
-    between: Annotated[int, Range(0, 100_000)] = 0  # so many held-out pairs are scored between texels, too
+    between: Annotated[int, Range(0, 100_000)] = 0  # this many held-out pairs are scored between texels, too
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
     # The share of the views, and of the lights, of measured data that are held out; 0: none, so all pairs are fitted.
@@ -174,7 +174,7 @@ class Preparation:
 
 
 def _number_of(material: str) -> int:
-    """A number for the random streams of a material, of its name."""
+    """A number of 32 bits, made of a material's name, that gives its random streams other values."""
     return int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
 
 
@@ -206,8 +206,8 @@ class MaterialSpec:
         return None
 
     def there(self) -> Path:
-        """The path that `existing` finds. If it finds none, it raises a `MissingDataError` that says where to get the
-        data, or an `InputError` if the suite does not say."""
+        """The path that `existing` finds. Raises a `MissingDataError` that says where to get the data if it finds none,
+        or an `InputError` if the suite does not say where."""
         path = self.existing()
         if path is not None:
             return path
@@ -220,7 +220,8 @@ class MaterialSpec:
 
 
 def named(material: str) -> MaterialSpec:
-    """The material of a bare string: a path if it looks like one or exists, else a built-in name."""
+    """The material that a string such as a command's argument names: a path if it looks like one or exists, else a
+    built-in name, which need not exist."""
     at_path = MaterialSpec(Path(material).name or material, material)  # the path / has no name of its own
     looks_like_path = os.sep in material or Path(material).suffix != ""
     if looks_like_path or at_path.existing():
@@ -232,7 +233,7 @@ def changed(data: Preparation, changes: Mapping[str, object], words: bool = True
     """A preparation with some settings changed, as `--set data.KEY=VALUE` does.
 
     `changes` maps keys, with or without `data.`, to values: texts as on a command line if `words`, else of the field's
-    type.
+    type. `InputError` for an unknown key, or a value that does not fit.
     """
     types = get_type_hints(Preparation, include_extras=True)
     values = {}

@@ -99,7 +99,7 @@ class Kind(ABC):
 
 
 def kind_of(spec: MaterialSpec) -> Kind:
-    """The kind of a material."""
+    """The kind of a material; measured, if no other kind knows it."""
     # `_kinds` caches its answer by the folders, because a folder may be added to the package.
     kinds = dict(_kinds(tuple(__path__)))
     measured = kinds.pop(OTHERWISE)  # comes last, because it knows every material that has a path

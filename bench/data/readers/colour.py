@@ -120,9 +120,8 @@ def _by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
     for field in ("colorInteropID", "chromaticities", "oiio:ColorSpace"):
         if field not in attributes:
             continue
-        if field == "chromaticities":
-            words = field
-        else:
+        words: str = field
+        if field != "chromaticities":
             space = attributes[field].rstrip(b"\0").decode("utf-8", "replace")
             words = f"{field} {space[:60]}"
         if is_superseded:

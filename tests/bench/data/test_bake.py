@@ -380,6 +380,13 @@ def test_sixteen_bits_survive(tmp_path):
     np.testing.assert_allclose(surface.maps.height * 65535, codes, atol=0.01)
 
 
+@pytest.mark.parametrize("depth", [-0.1, 1.5, np.nan])
+def test_a_depth_out_of_range_is_refused_whatever_maps_there_are(tmp_path, depth):
+    folder = save(tmp_path / "m", albedo=flat((0.5,) * 3))
+    with pytest.raises(InputError, match=r"depth .*between 0 and 1"):
+        read_surface(recognise(folder), 8, depth)
+
+
 def test_packed_maps_and_depth_by_name(tmp_path):
     folder = save(tmp_path / "m", albedo=flat((0.5, 0.5, 0.5)), arm=flat((0.1, 0.6, 1.0)), depth=flat(0.25))
     surface = read_surface(recognise(folder), 8)
