@@ -27,9 +27,8 @@ def thinned(btf: BTF, pairs: int) -> BTF:
     """About `pairs` of a BTF's pairs (0: all), always the same ones.
 
     Of a product, evenly spread views with evenly spread lights are kept, which is a product again. Pairs that form no
-    product are drawn at random. If the data declare which pairs are held out, and form no product, or one of which
-    only training pairs or only held-out ones would be kept, both are thinned apart, the held-out ones at random, so
-    that both keep their shares of all pairs.
+    product are drawn at random. Of data that declare held-out pairs, some of both kinds are kept: where the above would
+    not ensure it, training and held-out pairs are thinned apart, each to its share of `pairs`, the latter at random.
     """
     if not 0 < pairs < len(btf):  # all are wanted, or more than there are
         return btf
@@ -162,8 +161,10 @@ class Repaired(Source):
 
     Scattered reads use the scratch file of `Source`, so every value is repaired only once."""
 
-    def __init__(self, source: Source):
+    def __init__(self, source: Source, name: str):
+        """`name` is that of the material, for errors."""
         self.source = source
+        self.name = name
         self.shape = source.shape
         self.count = source.count
 
@@ -182,7 +183,8 @@ class Repaired(Source):
         if not bad.any():
             return picture, 0
         if bad.all((0, 1)).any():  # a channel of which no texel is left to take the mean of
-            raise InputError(f"pair {pair}: a channel without finite values cannot be repaired: leave the pair out")
+            fault = "a channel without finite values cannot be repaired"
+            raise InputError(f"{self.name}: pair {pair}: {fault}: leave the pair out")
         mean = np.mean(picture, (0, 1), where=~bad, dtype=np.float64)
         return np.where(bad, mean, picture).astype(np.float32), int(bad.sum())
 
@@ -195,7 +197,7 @@ def repaired(btf: BTF, show: Progress = silent) -> BTF:
 
     A warning and `provenance["repaired"]` give their number and pairs. Reads every slice once, and tells `show`.
     """
-    source = Repaired(btf.source)
+    source = Repaired(btf.source, btf.name)
     masked_values: dict[int, int] = {}  # index of a pair in the BTF → how many of its values are masked
     source_pairs = btf.pairs.tolist()  # the source may hold more pairs than the BTF
     watched_pairs = followed(show, source_pairs, "looking for values that are not finite", len(btf))

@@ -49,7 +49,10 @@ class Joined(Source):
         return out
 
     def _by_part(self, pairs: Array) -> list[tuple[Array, Source, Array]]:
-        """Some pairs grouped by the part that holds them: (their places in `pairs`, the part, their indices in it)."""
+        """Some pairs grouped by the part that holds them: (their places in `pairs`, the part, their indices in it).
+
+        A part that holds none of them is left out.
+        """
         first, second = self.parts
         is_second = pairs >= first.count
         groups = []

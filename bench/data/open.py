@@ -68,8 +68,9 @@ def open_named(name: str, changes: Mapping[str, object], show: Progress = silent
     """The BTF of a built-in material or a path, with some settings of `Preparation` changed.
 
     `changes` maps keys such as `data.size` to values: texts as on a command line if `words`, else of the setting's
-    type. The further key `data.seed` is the repetition whose test pairs are drawn, as for the seeds of a suite.
-    `InputError` if a setting does not affect this material.
+    type. The further key `data.seed` is the repetition whose test pairs are drawn, as for the seeds of a suite. Keys
+    without `data.`, such as a codec's settings, are passed over. `InputError` if a setting does not affect this
+    material.
     """
     spec = named(name)
     changes = dict(changes)
@@ -77,7 +78,7 @@ def open_named(name: str, changes: Mapping[str, object], show: Progress = silent
     data_changes = {key: value for key, value in changes.items() if key.startswith("data.")}
     data = changed(Preparation(), data_changes, words)
     kind = kind_of(spec)
-    for key in changes:
+    for key in data_changes:
         reason = kind.ignores(spec, key)
         if reason:
             raise InputError(f"{key}: {reason}")

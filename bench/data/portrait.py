@@ -35,7 +35,7 @@ LIGHTS = 24  # the most slices of the view nearest the normal; as many of the li
 SHEET = (4, 6)  # views × lights of the contact sheet
 STEEP = 0.45  # least cos θ of the sheet's directions if possible, about 63°: beyond, highlights outshine all else
 TEXELS = 4096  # the most texels of a slice that are used
-THUMB = 256  # longest side of a picture in the sheet
+THUMB = 256  # a picture is shrunk for the sheet as far as its longest side keeps so many texels
 FLAT = 0.35  # below this power of cos θ_i a cosine seems to be missing; Lambert has 1, measured fabrics about 0.7
 # A BRDF is reciprocal, so f_r cos θ_i falls with θ_i by a power that is larger by 1 than with θ_o. Without the cosine
 # the powers are equal; where views and lights are swapped the one of θ_o is larger by 1.
@@ -193,7 +193,7 @@ class Look:
 
 def look(btf: BTF) -> Look:
     """The findings from at most about 150 slices of a BTF, which are read one at a time, and the extremes of all where
-    it is small. Nothing is looked at where the light is lower than any to train on."""
+    it is small. Pairs of low light are not looked at."""
     low_light = btf.subset(btf.split().low_light)
     btf = btf.without_low_light()
     lobe = mean_lobe(btf)
@@ -212,10 +212,7 @@ def look(btf: BTF) -> Look:
     lows, highs = [], []  # of each slice
     seams = []
     texel_count = btf.shape[0] * btf.shape[1]
-    if texel_count > TEXELS:
-        texel_indices = np.random.default_rng(0).integers(0, texel_count, TEXELS)
-    else:
-        texel_indices = np.arange(texel_count)
+    texel_indices = _some_texels(texel_count)
     for pair in dict.fromkeys([*sheet, *of_one_view, *of_one_light, *scattered]):  # each pair once, in this order
         picture = btf[pair]
         texels = picture.reshape(-1, 3)
@@ -226,9 +223,7 @@ def look(btf: BTF) -> Look:
         highs.append(float(texels.max()))
         seams.append(maps.seams(picture))
         if pair in sheet:
-            size = picture.shape[:2]
-            factor = min(max(size) // THUMB, *size)  # at most the short side of a strip, to leave something of it
-            thumbs[pair] = box_filter(picture, max(1, factor))
+            thumbs[pair] = _thumb(picture)
     # 3. What the slices say together. The z of a direction is the cosine of its θ.
     power = _power(btf.wi[of_one_view, 2], np.array([medians[pair] for pair in of_one_view]))
     power_o = _power(btf.wo[of_one_light, 2], np.array([medians[pair] for pair in of_one_light]))
@@ -248,10 +243,6 @@ def look(btf: BTF) -> Look:
         split = btf.split()
         test = np.concatenate([*split.heldout.values()]) if split.heldout else np.arange(len(btf))
         found = exposed((btf[int(pair)] for pair in test), exposure(btf.subset(split.train)))
-    seam_ratios = []
-    # The means over slices, for both borders; 1e-12 avoids a division by 0 in flat pictures.
-    for across, inside, largest in np.mean(seams, 0):
-        seam_ratios.append((float(across / max(inside, 1e-12)), float(across / max(largest, 1e-12))))
     sheet_thumbs = [thumbs[pair] for pair in sheet]
     return Look(
         btf,
@@ -260,7 +251,7 @@ def look(btf: BTF) -> Look:
         np.stack(values),
         power,
         power_o,
-        seam_ratios,
+        _seam_ratios(seams),
         lobe,
         halves,
         (min(lows), max(highs)),
@@ -268,6 +259,29 @@ def look(btf: BTF) -> Look:
         low_light,
         found,
     )
+
+
+def _some_texels(count: int) -> Array:
+    """Indices of the texels that are used of each slice: all `count`, or `TEXELS` drawn with a fixed seed."""
+    if count > TEXELS:
+        return np.random.default_rng(0).integers(0, count, TEXELS)
+    return np.arange(count)
+
+
+def _thumb(picture: Array) -> Array:
+    """A picture (H, W, 3) averaged over boxes, for the contact sheet."""
+    size = picture.shape[:2]
+    factor = min(max(size) // THUMB, *size)  # at most the short side of a strip, to leave something of it
+    return box_filter(picture, max(1, factor))
+
+
+def _seam_ratios(seams: list[tuple[maps.Seam, maps.Seam]]) -> list[tuple[float, float]]:
+    """`Look.seams` of those of each slice, for the left–right and then the top–bottom border."""
+    ratios = []
+    # The means over slices, for both borders; 1e-12 avoids a division by 0 in flat pictures.
+    for across, inside, largest in np.mean(seams, 0):
+        ratios.append((float(across / max(inside, 1e-12)), float(across / max(largest, 1e-12))))
+    return ratios
 
 
 def _pairs_nearest_normal(index: Array, side: Array, other: Array) -> list[int]:
@@ -469,10 +483,10 @@ def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> No
     if heldout is None:
         heldout = np.zeros(len(directions), bool)
     for mask, label in ((heldout, "held out"), (~heldout, "training")):
-        # A layout wants two sides; only its distinct views are used, so one side is given twice.
-        distinct = Layout.of(directions[mask], directions[mask]).views
-        theta, phi = to_degrees(distinct)
         if mask.any():
+            # A layout wants two sides; only its distinct views are used, so one side is given twice.
+            distinct = Layout.of(directions[mask], directions[mask]).views
+            theta, phi = to_degrees(distinct)
             axes.scatter(np.radians(phi), theta, s=8, label=label)
     axes.set_rlim(0, 90)
     axes.set_rgrids((30, 60, 90), angle=22.5, fontsize=7)  # each 10° would print numbers over one another

@@ -57,7 +57,7 @@ class Preparation:
     split: Split = "test"  # held-out pairs: "test", another draw for each seed, or "validation", to choose settings
     validation: bool = False  # score validation pairs besides test pairs; fits to measured data then exclude them
     low_light: Annotated[int, Range(0, 100_000)] = 0  # further pairs, θ_i of 75° to 89°: scored, but deciding nothing
-    between: Annotated[int, Range(0, 100_000)] = 0  # so many held-out pairs are scored between texels, too
+    between: Annotated[int, Range(0, 100_000)] = 0  # this many held-out pairs are scored between texels, too
     pairs: Natural = 0  # about this many pairs of measured data, spread evenly over views and lights; 0: all
     texels: Natural = 0  # about this many texels a side of measured data, averaged in whole boxes; 0: all
     # The share of the views, and of the lights, of measured data that are held out; 0: none, so all pairs are fitted.
@@ -74,13 +74,11 @@ class Preparation:
 
         Scripts make a `Preparation` directly, past the checks of `changed`, so some fields are checked again here.
         """
-        bytes_of_a_texel = 3 * 4  # red, green and blue as float32
-        further = self.heldout + self.low_light + self.between
-        needed = bytes_of_a_texel * self.size**2 * (self.views * self.lights + further)
-        if needed > MOST:
+        if self.bytes_rendered > MOST:
+            further = self._further_pairs
             asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {further} pairs"
             limit = f"the limit is {MOST >> 30}: lower size, views, lights, heldout, low_light or between"
-            raise InputError(f"{asked} are {needed / 2**30:,.0f} GiB, but {limit}")
+            raise InputError(f"{asked} are {self.bytes_rendered / 2**30:,.0f} GiB, but {limit}")
         for name in ("heldout", "low_light", "between"):
             if getattr(self, name) < 0:
                 raise InputError(f"{name} must be at least 0, not {getattr(self, name)}")
@@ -95,6 +93,18 @@ class Preparation:
             raise InputError(f"validation = true scores further pairs: it needs {remedy}")
         if self.split == "validation" and not self.holdout:
             raise InputError('split = "validation" scores pairs by which settings are chosen: it needs holdout above 0')
+
+    @property
+    def _further_pairs(self) -> int:
+        """The number of pairs to render besides the product; see `tables`."""
+        draws = 2 if self.validation else 1  # of held-out pairs
+        return draws * self.heldout + self.low_light + min(self.between, self.heldout)
+
+    @property
+    def bytes_rendered(self) -> int:
+        """The bytes of the radiance of all pairs to render, as float32."""
+        bytes_of_a_texel = 3 * 4  # red, green and blue
+        return bytes_of_a_texel * self.size**2 * (self.views * self.lights + self._further_pairs)
 
     def product(self) -> tuple[Array, Array]:
         """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, all lights of a view
@@ -142,7 +152,7 @@ class Preparation:
         if self.heldout:
             tables.append(Table("heldout", self.described(draw), self.drawn(material, seed, draw)))
         if self.validation:
-            # `validation` is refused with that split; here it has done its work.
+            # `validation` is left out, because it is refused with that split.
             of_validation = dataclasses.replace(self, split="validation", validation=False)
             tables.append(Table("validation", of_validation.described(), of_validation.drawn(material, seed)))
         if self.low_light:  # the last pairs: without them the BTF is the same as if they had never been
@@ -164,7 +174,7 @@ class Preparation:
 
 
 def _number_of(material: str) -> int:
-    """A number for the random streams of a material, of its name."""
+    """A number of 32 bits, made of a material's name, that gives its random streams other values."""
     return int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
 
 
@@ -196,8 +206,8 @@ class MaterialSpec:
         return None
 
     def there(self) -> Path:
-        """The path that `existing` finds. If it finds none, it raises a `MissingDataError` that says where to get the
-        data, or an `InputError` if the suite does not say."""
+        """The path that `existing` finds. Raises a `MissingDataError` that says where to get the data if it finds none,
+        or an `InputError` if the suite does not say where."""
         path = self.existing()
         if path is not None:
             return path
@@ -210,7 +220,8 @@ class MaterialSpec:
 
 
 def named(material: str) -> MaterialSpec:
-    """The material of a bare string: a path if it looks like one or exists, else a built-in name."""
+    """The material that a string such as a command's argument names: a path if it looks like one or exists, else a
+    built-in name, which need not exist."""
     at_path = MaterialSpec(Path(material).name or material, material)  # the path / has no name of its own
     looks_like_path = os.sep in material or Path(material).suffix != ""
     if looks_like_path or at_path.existing():
@@ -222,7 +233,7 @@ def changed(data: Preparation, changes: Mapping[str, object], words: bool = True
     """A preparation with some settings changed, as `--set data.KEY=VALUE` does.
 
     `changes` maps keys, with or without `data.`, to values: texts as on a command line if `words`, else of the field's
-    type.
+    type. `InputError` for an unknown key, or a value that does not fit.
     """
     types = get_type_hints(Preparation, include_extras=True)
     values = {}

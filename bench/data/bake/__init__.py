@@ -208,11 +208,7 @@ def open_svbrdf(
         pair_notes: dict[str, Any] = {"heldout": pair_table.words} if pair_table.words else _product_notes(data)
         if path_tracer:
             pair_notes |= path_tracer.provenance()
-        # Everything that determines the values of a bake with default options.
-        files_digest = FolderFiles(folder).digest(map_files.files.values())
-        content = [files_digest, sorted(map_files.files.items()), *_read_differently_before(map_files)]
-        described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, data.size, pair_notes, content])
-        key = hashlib.sha256(described.encode()).hexdigest()
+        key = _cache_key(map_files, data.size, pair_notes)
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npz"
         if not path.exists():
             with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
@@ -226,6 +222,17 @@ def open_svbrdf(
         return replace(open_btf(path), name=name)  # a reader names it by the file in the cache
 
     return joined(data.tables(name, seed=0, draw=draw), cached)
+
+
+def _cache_key(map_files: MapFiles, size: int, pair_notes: dict[str, Any]) -> str:
+    """A hash, in hexadecimal digits, of everything that determines the values of a bake with default options.
+
+    `size` is the longer side of the bake in texels; `pair_notes` are those of `_bake`, with those of a path tracer.
+    """
+    files_digest = FolderFiles(map_files.folder).digest(map_files.files.values())
+    content = [files_digest, sorted(map_files.files.items()), *_read_differently_before(map_files)]
+    described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, size, pair_notes, content])
+    return hashlib.sha256(described.encode()).hexdigest()
 
 
 def _read_differently_before(map_files: MapFiles) -> list[str]:
@@ -258,7 +265,7 @@ def table(surface: Surface) -> str:
 def size_note(surface: Surface) -> str:
     """The texels (H, W) of a bake, and those of its maps if they are more."""
     note = f"{surface.shape[0]} × {surface.shape[1]} texels"
-    if surface.full_shape > surface.shape:
+    if max(surface.full_shape) > max(surface.shape):  # both have the same proportion
         note += f", of maps of {surface.full_shape[0]} × {surface.full_shape[1]}"
     return note
 

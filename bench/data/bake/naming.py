@@ -206,15 +206,20 @@ def _drop_second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict
 
 def _user_file(folder: Path, role: str, file: str) -> str:
     """A file that the user names for a role by `--map ROLE=FILE`: its name in the folder, or its absolute path
-    elsewhere. `InputError` if there is no such role or file."""
+    elsewhere. `InputError` if there is no such role or file.
+
+    `file` may be a name in the folder, or any path, also that of a file in the folder.
+    """
     roles = sorted(set(_ROLES.values()) - set(_NOT_USED))
     if role not in roles:
         raise InputError(f"--map {role}={file}: there is no map {role!r}: give one of {', '.join(roles)}")
-    if (folder / file).is_file():
-        return file
-    if not Path(file).is_file():
+    is_name = (folder / file).is_file()
+    path = folder / file if is_name else Path(file).absolute()
+    if not path.is_file():
         raise InputError(f"--map {role}={file}: there is no such file, nor in {folder}: check the path")
-    return str(Path(file).absolute())
+    if path.parent.resolve() == folder.resolve():
+        return path.name  # under which `recognise` finds it, too
+    return file if is_name else str(path)
 
 
 def _roles(names: list[str]) -> dict[str, str]:

@@ -61,8 +61,11 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
 
     `depth` is the height of code 1 (white) over code 0 (black) of the displacement, in units of the picture's width. By
     default its slopes fit the normal map best; without a normal map it is 0.02. Raises `InputError` that names the file
-    if pictures cannot be read or differ in proportion. Warns of pictures that may be maps but are not used.
+    if pictures cannot be read or differ in proportion, and if `depth` is not between 0 and 1. Warns of pictures that
+    may be maps but are not used.
     """
+    if depth is not None and not 0 <= depth <= 1:
+        raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
     _warn_of_doubts(map_files)
     reader = _Reader(map_files, size)
     # The notes begin with the file of each map; what follows adds how it is read.
@@ -238,11 +241,9 @@ def _with_depth(
 
     It is `depth` if the user gives one, else `fitted_depth`, by which the slopes fit the normals best, else the
     default. EXR may hold any unit: heights beyond [0, 1] are first brought there. Warns where their unit is unknown.
-    `InputError` if the depth is not between 0 and 1.
+    `InputError` if the depth that the normals give is above 1.
     """
     label = reader.files.label(reader.roles[role])
-    if depth is not None and not 0 <= depth <= 1:
-        raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
     if reader.is_stored(role):
         lowest, highest = float(height.min()), float(height.max())
         # A unit of height above one width of the picture: heights then are tiny numbers.

@@ -87,7 +87,10 @@ class Kind(ABC):
         return None
 
     def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
-        """The bytes of the radiance that opening it computes, as float32; 0 if it only reads radiance."""
+        """The bytes of the radiance that opening it computes, as float32; 0 if it only reads radiance.
+
+        It is asked only of a kind that gives no `outline`.
+        """
         return 0
 
     def needs_a_run(self, data: Preparation) -> bool:
@@ -96,7 +99,7 @@ class Kind(ABC):
 
 
 def kind_of(spec: MaterialSpec) -> Kind:
-    """The kind of a material."""
+    """The kind of a material; measured, if no other kind knows it."""
     # `_kinds` caches its answer by the folders, because a folder may be added to the package.
     kinds = dict(_kinds(tuple(__path__)))
     measured = kinds.pop(OTHERWISE)  # comes last, because it knows every material that has a path

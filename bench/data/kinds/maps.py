@@ -45,9 +45,7 @@ class PbrMaps(Kind):
         return ""
 
     def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
-        pairs = data.views * data.lights + data.heldout + data.low_light + min(data.between, data.heldout)
-        bytes_of_a_texel = 3 * 4  # red, green and blue as float32
-        return bytes_of_a_texel * data.size**2 * pairs
+        return data.bytes_rendered
 
     def needs_a_run(self, data: Preparation) -> bool:
         return data.renderer == "mitsuba"

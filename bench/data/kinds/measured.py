@@ -27,7 +27,8 @@ class Measured(Kind):
         """
         from bench.data.readers import open_btf
 
-        whole = replace(open_btf(spec.there(), data.angles), holdout=data.holdout)
+        named_unit = "" if data.angles == "checked" else data.angles
+        whole = replace(open_btf(spec.there(), named_unit), holdout=data.holdout)
         if whole.heldout is not None and data.holdout != HOLDOUT:
             log.warning("%s: its data declare their test pairs, which data.holdout does not change", spec.name)
         btf = thinned(whole, data.pairs)

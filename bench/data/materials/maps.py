@@ -20,7 +20,7 @@ Map = Any  # a picture or a number in, a float32 picture out
 class Maps:
     """A periodic surface: pictures (H', W') or (H', W', 3), row 0 at the top, x right, y up.
 
-    A number stands for a flat map; every field is a float32 array afterwards.
+    A number stands for a flat map; afterwards every map is a float32 array of such a picture.
 
     - `height`: displacement along the normal, in units of the picture's *width*; map texels are square. Its mean is
       the reference plane.
@@ -81,8 +81,12 @@ class Maps:
 
     def rolled(self, rows: int, cols: int) -> "Maps":
         """The periodic maps moved by so many of their own texels, rows down and columns to the right."""
-        names = [*_SCALARS, "base_colour", *(["normal"] if self.normal is not None else [])]
-        return replace(self, **{name: np.roll(getattr(self, name), (rows, cols), (0, 1)) for name in names})
+        moved: dict[str, Any] = {}
+        for name in (*_SCALARS, "base_colour", "normal"):
+            picture = getattr(self, name)
+            if picture is not None:  # normals may be missing
+                moved[name] = np.roll(picture, (rows, cols), (0, 1))
+        return replace(self, **moved)
 
 
 class Recipe(Protocol):

@@ -179,7 +179,7 @@ class Renderer:
     than the sub-points first (`Maps.resized`), or their detail is aliased.
     """
 
-    def __init__(self, maps: Maps, size: tuple[int, int], sub_points: int = 2):
+    def __init__(self, maps: Maps, size: tuple[int, int], sub_points: int = SUB_POINTS):
         """Resize the maps to the grid. `InputError` if `size` or `sub_points`, those along a texel's side, are below
         1."""
         if min(*size, sub_points) < 1:
@@ -328,7 +328,7 @@ def render(
     wo: ArrayLike,
     wi: ArrayLike,
     size: tuple[int, int],
-    sub_points: int = 2,
+    sub_points: int = SUB_POINTS,
     out: Array | None = None,
     show: "Progress | None" = None,
     label: str = "rendering",

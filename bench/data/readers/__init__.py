@@ -1,7 +1,6 @@
 """Readers of measured BTFs. `open_btf` chooses one by the content of a file or folder, never by its extension.
 
-A BTF (`bench.btf`) holds a picture for each pair of a view and a light direction, here measured ones. A reader is a
-module that opens one file format as a BTF; one of this package is built in.
+A reader is a module that opens one file format as a BTF (`bench.btf`); one of this package is built in.
 
 To add a reader, write one file with a function `opened(seen)` and add one line below. The function gets a
 `bench.data.readers.files.Candidate` and returns the BTF, or None if the file or folder has another format. A reader of
@@ -35,14 +34,14 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
     """Open a file or folder as a BTF, lazily: cheap checks are made now, values are read on demand. Raises `InputError`
     that names the file, the fault and the remedy.
 
-    Some formats state angles in degrees. `angles`, "degrees" or "radians", says which unit such a file really has; for
-    a file that states no angles it is an `InputError`.
+    Some formats state angles in degrees. `angles`, "degrees" or "radians", says which unit such a file really has, ""
+    that the user names none; a unit for a file that states no angles is an `InputError`.
     """
     path = Path(path)
     outside_readers = outside.entries(READERS)
     outside_formats = [f"data of reader {name}" for name in outside_readers]
     supported = ", ".join([*READERS.values(), *outside_formats])
-    if not path.exists():
+    if not os.path.exists(path):  # False for a name too long, where Path.exists raises
         raise InputError(f"{path}: there is no such file or folder: give {supported}")
     try:
         seen = Candidate(path, angles)
@@ -52,8 +51,10 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
             btf = outside.opened(seen, outside_readers.values(), faults)
         if btf is None:
             raise InputError("; ".join([f"{path}: {_unknown_fault(seen, supported)}", *faults]))
-        # A reader that used the unit says so in the provenance; without that word the option would do nothing.
-        if unit_note(angles) and "angles" not in btf.provenance:
+        # A reader that used the unit says so in the provenance; without its note the option would do nothing. The file
+        # may hold the note of another unit, from which it was converted.
+        note = unit_note(angles)
+        if note and btf.provenance.get("angles") != note["angles"]:
             raise InputError(f"{path}: it states no angles in degrees: leave out --{angles} (data.angles)")
         return btf
     except OSError as error:

@@ -115,6 +115,8 @@ def _by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
         return None, []  # X, Y, Z are of no primaries
     ignored = [name for name in _EXR_IGNORED if name in attributes]
     decided: Colour | None = None
+    is_superseded = False
+    primaries: tuple[float, ...] | None
     for field in ("colorInteropID", "chromaticities", "oiio:ColorSpace"):
         if field not in attributes:
             continue
@@ -122,27 +124,38 @@ def _by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
         if field != "chromaticities":
             space = attributes[field].rstrip(b"\0").decode("utf-8", "replace")
             words = f"{field} {space[:60]}"
-        if decided and decided.name.startswith("colorInteropID"):
+        if is_superseded:
             ignored.append(words)
             continue
         if field == "chromaticities":
             primaries = struct.unpack("<8f", attributes[field])
-            _refuse_flat(primaries, label, "chromaticities")
+            _refuse_flat(primaries, label, field)
         else:
-            key = "".join(letter for letter in space.lower() if letter.isalnum())
-            if key in _NAMES_NO_PRIMARIES:
-                ignored.append(words)
-                continue
-            if key not in _LINEAR:
-                raise InputError(f"{label}: its {words} is not converted: convert it to linear Rec. 709 (sRGB)")
-            primaries = _LINEAR[key]
+            primaries = _primaries_of(space, f"{label}: its {words}")
+        if primaries is None:
+            ignored.append(words)
+            continue
         if decided and not _alike(decided.chromaticities, primaries):
             fault = f"its {decided.name} and its {words} state different colours"
             raise InputError(f"{label}: {fault}: leave the one that is right")
         decided = decided or Colour(words, chromaticities=primaries)
+        is_superseded = field == "colorInteropID"
     if decided and _alike(decided.chromaticities, REC709):
         decided = None
     return decided, ignored
+
+
+def _primaries_of(space: str, label: str) -> tuple[float, ...] | None:
+    """The chromaticities of a linear space by its name in an EXR; None for a name that states none, such as `raw`.
+
+    `InputError` for any other space; `label` says what names it.
+    """
+    key = "".join(letter for letter in space.lower() if letter.isalnum())
+    if key in _NAMES_NO_PRIMARIES:
+        return None
+    if key not in _LINEAR:
+        raise InputError(f"{label} is not converted: convert it to linear Rec. 709 (sRGB)")
+    return _LINEAR[key]
 
 
 def _by_radiance(data: bytes, label: str) -> tuple[Colour | None, list[str]]:

@@ -18,7 +18,7 @@ from bench.inputs.errors import NO_PLACE, InputError, refuse_pipe
 # The scan lines of a chunk, by the number of the compression, which the attribute `compression` holds.
 _LINES_OF_A_CHUNK = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)
 
-# IEC 61966-2-1: the primaries and the white (D65) of sRGB, equal to those of Rec. 709.
+# From CIE XYZ (D65) to linear Rec. 709, for column vectors, by the primaries and the white of sRGB (IEC 61966-2-1).
 XYZ_TO_REC709 = np.array(
     [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
 )
@@ -73,9 +73,9 @@ def attributes_of(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int
         content_start = type_end + 1 + 4
         if min(name_end, type_end) < 0 or content_start > len(data):
             return None, 0
-        (size,) = struct.unpack_from("<i", data, type_end + 1)
-        content_end = content_start + size
-        if size < 0 or content_end > len(data):  # a negative size would go back without end
+        (content_size,) = struct.unpack_from("<i", data, type_end + 1)
+        content_end = content_start + content_size
+        if content_size < 0 or content_end > len(data):  # a negative size would go back without end
             return None, 0
         name = data[offset:name_end].decode("latin-1")
         attributes[name] = data[content_start:content_end]
@@ -128,19 +128,18 @@ def _refuse_truncated(data: bytes, end: int, attributes: dict[str, bytes], label
     count = -(-lines // _LINES_OF_A_CHUNK[compression])  # rounded up: the last chunk may have fewer lines
     table = data[end : end + 8 * count]
     places = np.frombuffer(table, "<u8", len(table) // 8)
-    is_whole = len(places) == count
-    for place in places.tolist():
-        # A place before the end of the header was never filled in. A chunk is its line and its size (4 bytes each), and
-        # that many bytes.
-        if not end <= place <= len(data) - 8:
-            is_whole = False
-            break
-        (size,) = struct.unpack_from("<i", data, place + 4)
-        if place + 8 + size > len(data):
-            is_whole = False
-            break
+    is_whole = len(places) == count and all(_holds_chunk(data, place, end) for place in places.tolist())
     if not is_whole:
         raise InputError(f"{label}: its pixels end early ({len(data):,} bytes): the picture is truncated; get it again")
+
+
+def _holds_chunk(data: bytes, place: int, end: int) -> bool:
+    """Whether the chunk at `place` lies within the file, behind the header, which ends at `end`."""
+    if not end <= place <= len(data) - 8:  # a place before the end of the header was never filled in
+        return False
+    # A chunk is its line and its size (4 bytes each), and that many bytes.
+    (chunk_size,) = struct.unpack_from("<i", data, place + 4)
+    return bool(place + 8 + chunk_size <= len(data))
 
 
 def read(path: Path, label: str, rgb_is_xyz: bool) -> Array:

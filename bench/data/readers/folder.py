@@ -51,9 +51,8 @@ def opened(seen: Candidate) -> BTF | None:
         path = seen.path.parent
         has_list = ANGLES[0] in seen.first_line.lower()
     if not has_list:
-        for name in os.listdir(path) if seen.is_folder else ():
-            if name.lower() == LIST:
-                raise InputError(f"{path / name}: its name differs in letter case: call the list {LIST}")
+        if seen.is_folder:
+            _refuse_other_case(path)
         return None
 
     rows = _read_rows(path / LIST)
@@ -83,6 +82,13 @@ def opened(seen: Candidate) -> BTF | None:
     return BTF(name, wo[order], wi[order], source, heldout=mask, periodic=periodic, provenance=provenance)
 
 
+def _refuse_other_case(folder: Path) -> None:
+    """Raise an `InputError` if a folder has the list under a name in another letter case, like `Pairs.csv`."""
+    for name in os.listdir(folder):
+        if name.lower() == LIST:
+            raise InputError(f"{folder / name}: its name differs in letter case: call the list {LIST}")
+
+
 def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     """(line number, column → cell) of each line of `pairs.csv` below the header; lines without any text are left out.
 
@@ -93,25 +99,14 @@ def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of pairs")
         reader = csv.reader(io.StringIO(path.read_text("utf-8-sig"), newline=""), skipinitialspace=True)
         lines = []  # line number and cells, the header first
-        for cells in reader:
+        for line in reader:
+            cells = [cell.strip() for cell in line]
             if any(cells):
-                lines.append((reader.line_num, [cell.strip() for cell in cells]))
+                lines.append((reader.line_num, cells))
     if not lines:
         raise InputError(f"{path}: it is empty: give a header {','.join(COLUMNS)} and one line a picture")
     _, header = lines[0]
-    missing = [name for name in COLUMNS if name not in header]
-    # Of a column that stands twice only the last would count.
-    if missing or len(set(header)) < len(header):
-        fault = f"without column {', '.join(missing)}" if missing else "with a column twice"
-        for separator, word in ((";", "semicolons"), ("\t", "tabs")):
-            if separator in header[0]:
-                raise InputError(
-                    f"{path}: its cells are separated by {word}: save it with commas, and numbers with points"
-                )
-        in_other_case = [name for name in header if name not in COLUMNS and name.lower() in missing]
-        if in_other_case:
-            fault = f"with {', '.join(in_other_case)} in another letter case"
-        raise InputError(f"{path}: a header {fault} ({','.join(header)[:100]!r}): it needs {','.join(COLUMNS)}")
+    _check_header(path, header)
     if len(lines) == 1:
         raise InputError(f"{path}: it lists no picture: add one line a picture below the header")
     rows = []
@@ -120,6 +115,25 @@ def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
             raise InputError(f"{path}, line {number}: {len(cells)} cells under {len(header)} columns: mend the line")
         rows.append((number, dict(zip(header, cells, strict=True))))
     return rows
+
+
+def _check_header(path: Path, header: list[str]) -> None:
+    """Raise an `InputError` if the header of the list `path` lacks one of `COLUMNS`, or names a column twice."""
+    missing = [name for name in COLUMNS if name not in header]
+    is_twice = len(set(header)) < len(header)  # only the last of such columns would count
+    if not missing and not is_twice:
+        return
+    for separator, word in ((";", "semicolons"), ("\t", "tabs")):
+        if separator in header[0]:
+            raise InputError(f"{path}: its cells are separated by {word}: save it with commas, and numbers with points")
+    in_other_case = [name for name in header if name not in COLUMNS and name.lower() in missing]
+    if in_other_case:
+        fault = f"with {', '.join(in_other_case)} in another letter case"
+    elif missing:
+        fault = f"without column {', '.join(missing)}"
+    else:
+        fault = "with a column twice"
+    raise InputError(f"{path}: a header {fault} ({','.join(header)[:100]!r}): it needs {','.join(COLUMNS)}")
 
 
 def _stated_angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
@@ -164,9 +178,8 @@ def _notes(path: Path) -> dict[str, Any]:
 def write_folder(btf: BTF, path: str | Path) -> None:
     """Write a BTF as a folder: one EXR (float, R G B) a pair, `pairs.csv`, and `btf.json` with name and provenance.
 
-    Slices, the pictures of pairs, are read one after another and written without loss; held-out pairs are told in the
-    column `split`. The list is written last, so an unfinished folder is not a BTF. Raises `InputError` if the folder
-    already holds one.
+    Slices are read one after another and written without loss; held-out pairs are told in the column `split`. The list
+    is written last, so an unfinished folder is not a BTF. Raises `InputError` if the folder already holds one.
     """
     folder = Path(path)
     if (folder / LIST).exists():

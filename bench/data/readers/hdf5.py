@@ -183,7 +183,7 @@ class Window(NamedTuple):
 
 
 class HDF5Source(Source):
-    """A window of the pictures of a file, cheap by slice (the picture of a pair).
+    """A window of the pictures of a file, cheap by slice.
 
     Scattered reads use the defaults of `Source`, which copy all pictures to a scratch file once.
     """

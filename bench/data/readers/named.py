@@ -71,11 +71,12 @@ def _opened_as(
         return None
     path = seen.path
     files: Files = FolderFiles(path) if seen.is_folder else ZipFiles(path)
-    names = [match.string for match in matches]
+    matched = [match.string for match in matches]
     degrees = np.array([match.groups() for match in matches], np.float64)
+    labels = [files.label(name) for name in matched]
     # The light stands first in a name.
-    wi, wo = directions_of_degrees(degrees, lambda index: files.label(names[index]), (" of the light", " of the view"))
+    wi, wo = directions_of_degrees(degrees, labels.__getitem__, (" of the light", " of the view"))
     order = view_major(wo, wi)
-    source = PictureSource(files, [names[i] for i in order], **options)
+    source = PictureSource(files, [matched[i] for i in order], **options)
     material_name = path.resolve().name if seen.is_folder else path.stem
     return BTF(material_name, wo[order], wi[order], source, provenance=provenance | source.conversions())

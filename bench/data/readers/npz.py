@@ -1,7 +1,7 @@
 """A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,) and `periodic`.
 
-Or a mean ABRDF: the radiance of a material at all pairs, averaged over its texels (geometric mean). `rgb_geomean` (V,
-V, 3) holds it by view and light; views and lights are the same V directions, of angles `theta_deg` and `phi_deg` (V,).
+Or a mean ABRDF, the geometric mean over all texels. `rgb_geomean` (V, V, 3) holds it by view and light; views and
+lights are the same V directions, of angles `theta_deg` and `phi_deg` (V,).
 
 An `.npz` is a zip with an entry `NAME.npy` for each array.
 """
@@ -57,16 +57,15 @@ class NpzSource(ArraySource):
 def opened(seen: Candidate) -> BTF | None:
     """The BTF of an `.npz` with the arrays of either form, or None.
 
-    Its radiance is memory-mapped if `numpy.savez` (uncompressed) wrote it, else read into memory.
-    Radiance is linear Rec. 709 f_r · cos θ_i, taken as stored, in the order stored. Raises `InputError` that names the
-    file, the array and the row.
+    Radiance is memory-mapped if `numpy.savez` (uncompressed) wrote it, else read into memory. It is linear Rec. 709
+    f_r · cos θ_i, taken as stored, in the order stored. Raises `InputError` that names the file, the array and the row.
     """
     if not seen.is_zip or not {"radiance.npy", f"{MEAN}.npy"} & set(seen.names):
         return None
     if "radiance.npy" not in seen.names:
         return _mean_abrdf(seen.path, seen.angles)
     path = seen.path
-    files = ZipFiles(seen.path)
+    files = ZipFiles(path)
     radiance = stored(files, "radiance")
     fault = radiance_fault(radiance.shape, radiance.dtype)
     if fault:

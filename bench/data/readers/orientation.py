@@ -32,11 +32,7 @@ _TURNS: dict[int, Callable[[Array], Array]] = {
 
 def orientation(data: bytes, kind: str | None) -> int:
     """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 without a valid note."""
-    notes = exif(data, kind)
-    value = None if notes is None else notes.get(TAG)
-    if isinstance(value, int) and value in _TURNS:
-        return value
-    return 1
+    return _stated_orientation(exif(data, kind))
 
 
 def late_orientation(data: bytes) -> int:
@@ -45,9 +41,15 @@ def late_orientation(data: bytes) -> int:
     late = names[names.index(b"IDAT") :] if b"IDAT" in names else []
     if not {b"eXIf", b"tEXt", b"zTXt", b"iTXt"} & set(late):
         return 1
-    notes = _exif(data, is_whole=True)
+    return _stated_orientation(_exif(data, is_whole=True))
+
+
+def _stated_orientation(notes: Any) -> int:
+    """The orientation, 1 to 8, that a camera's notes state; 1 without a valid one, and without notes (None)."""
     value = None if notes is None else notes.get(TAG)
-    return value if value in _TURNS else 1
+    if isinstance(value, int) and value in _TURNS:
+        return value
+    return 1
 
 
 def exif(data: bytes, kind: str | None) -> Any:

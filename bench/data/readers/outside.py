@@ -37,8 +37,8 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint], faults: list[str]) ->
     """The BTF of the first of these readers that knows the format of `seen`; None if none does.
 
     A reader that cannot be imported does not stop the others: what is wrong with it is added to `faults`. Raises
-    `PluginError` that names the reader, if it fails or returns something else than a BTF whose first slice (the picture
-    of one pair) is (H, W, 3) float32; an `InputError` of its own, which is about the file, is passed on.
+    `PluginError` that names the reader, if it fails or returns something else than a BTF whose first slice is (H, W, 3)
+    float32; an `InputError` of its own, which is about the file, is passed on.
     """
     for entry in readers:
         try:

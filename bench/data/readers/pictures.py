@@ -194,12 +194,7 @@ class PictureSource(Source):
             labels = [files.label(name) for name in self.names]
         first_labels: dict[str, str] = {}  # name → label of the first entry that lists the picture
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
-            if not files.has(name):
-                remedy = "add the picture or leave the entry out"
-                others = [other for other in files.beside(name) if other.lower() == name.lower()]
-                if others:
-                    remedy = f"{others[0]} differs in letter case: give both one name"
-                raise InputError(f"{label}: {name} is missing: {remedy}")
+            _refuse_missing(files, name, label)
             # The pairs are known to differ, so one picture cannot be of two of them.
             first_label = first_labels.setdefault(name, label)  # this one, if no earlier entry lists the picture
             if first_label != label:
@@ -252,8 +247,19 @@ class PictureSource(Source):
         return ", ".join(f"{word} ({count} of {self.count} pictures)" for word, count in counts)
 
 
+def _refuse_missing(files: Files, name: str, label: str) -> None:
+    """Raise an `InputError` if a picture does not exist; `label` names the entry that lists it."""
+    if files.has(name):
+        return
+    remedy = "add the picture or leave the entry out"
+    others = [other for other in files.beside(name) if other.lower() == name.lower()]
+    if others:
+        remedy = f"{others[0]} differs in letter case: give both one name"
+    raise InputError(f"{label}: {name} is missing: {remedy}")
+
+
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before the pixels do begin.
+    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before the pixels begin.
 
     It looks through the segments in order: each begins with 0xFF and its marker. The camera's notes and the colour
     space may stand behind the frame header. `InputError` for a JPEG that is not read.
@@ -298,7 +304,7 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
 
 
 def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the header of a PNG; None if the data end before the pixels do begin.
+    """(H, W) from the header of a PNG; None if the data end before the pixels begin.
 
     The size stands at the very start, but the caller also needs the camera's notes and the colour space, which stand
     before the pixels. After None it reads more of the file.

@@ -56,22 +56,8 @@ def header(data: bytes, label: str) -> Header | None:
     line_end = data.find(b"\n", end + 2)
     if end < 0 or line_end < 0:
         return None
-    values: dict[str, list[str]] = {}  # what each key states, line by line
-    for line in data[:end].decode("latin-1").split("\n"):
-        if line.startswith("#") or "=" not in line:
-            continue  # a comment, or a command that made the picture
-        key, _, value = line.partition("=")
-        values.setdefault(key.strip(), []).append(value.strip())
-    formats = values.get("FORMAT", [])
-    if not formats:
-        raise InputError(f"{label}: its header has no line FORMAT: if it is RGBE, add the line FORMAT=32-bit_rle_rgbe")
-    if formats != ["32-bit_rle_rgbe"]:
-        raise ValueError(f"FORMAT is {formats}, only 32-bit_rle_rgbe is read")
-    gammas = [float(value) for value in values.get("GAMMA", [])]
-    if any(gamma != 1 for gamma in gammas):  # a key of rgbe.c, which writes 1 for linear values
-        raise InputError(
-            f"{label}: GAMMA is {gammas[0]:g}, so its values are not linear: save it as linear .hdr or EXR"
-        )
+    values = _values_by_key(data[:end].decode("latin-1"))
+    _refuse_other_values(values, label)
     exposures = [float(value) for value in values.get("EXPOSURE", [])]
     ignored = ["EXPOSURE=0"] if 0 in exposures else []  # some writers put 0 where they know none
     exposure = float(np.prod([value for value in exposures if value != 0]))  # 1 without any
@@ -83,10 +69,10 @@ def header(data: bytes, label: str) -> Header | None:
     primaries = [_numbers("PRIMARIES", value, 8) for value in values.get("PRIMARIES", [])]
     if any(other != primaries[0] for other in primaries):
         raise InputError(f"{label}: PRIMARIES stands twice, with different numbers: leave the line that is right")
-    size = data[end + 2 : line_end].decode("latin-1").split()
-    if len(size) != 4 or {size[0], size[2]} not in _AXES:
-        raise ValueError(f"the size is {' '.join(size)[:40]!r}, not like -Y 256 +X 256")
-    first, first_count, second, second_count = size
+    size_words = data[end + 2 : line_end].decode("latin-1").split()
+    if len(size_words) != 4 or {size_words[0], size_words[2]} not in _AXES:
+        raise ValueError(f"the size is {' '.join(size_words)[:40]!r}, not like -Y 256 +X 256")
+    first, first_count, second, second_count = size_words
     return Header(
         line_end + 1,
         (first, second),
@@ -96,6 +82,34 @@ def header(data: bytes, label: str) -> Header | None:
         primaries[0] if primaries else None,
         ignored,
     )
+
+
+def _values_by_key(text: str) -> dict[str, list[str]]:
+    """What each key in the lines of a header states, line by line."""
+    values: dict[str, list[str]] = {}
+    for line in text.split("\n"):
+        if line.startswith("#") or "=" not in line:
+            continue  # a comment, or a command that made the picture
+        key, _, value = line.partition("=")
+        values.setdefault(key.strip(), []).append(value.strip())
+    return values
+
+
+def _refuse_other_values(values: dict[str, list[str]], label: str) -> None:
+    """Raise an `InputError` unless the values of a header's keys say that the pixels are RGBE, and linear.
+
+    `ValueError` for a gamma that is no number.
+    """
+    formats = values.get("FORMAT", [])
+    if not formats:
+        raise InputError(f"{label}: its header has no line FORMAT: if it is RGBE, add the line FORMAT=32-bit_rle_rgbe")
+    if formats != ["32-bit_rle_rgbe"]:
+        fault = f"FORMAT is {', '.join(formats)[:60]}, only 32-bit_rle_rgbe is read"
+        raise InputError(f"{label}: {fault}: save it as RGBE or EXR")
+    for value in values.get("GAMMA", []):  # a key of rgbe.c, which writes 1 for linear values
+        if float(value) != 1:
+            fault = f"GAMMA is {float(value):g}, so its values are not linear"
+            raise InputError(f"{label}: {fault}: save it as linear .hdr or EXR")
 
 
 def _numbers(key: str, value: str, count: int) -> tuple[float, ...]:

@@ -47,6 +47,7 @@ RGBA_OF_8_BITS = b"\x08\x06"
 FIELD = b'"numComp"'  # the field that tells this format's `meta.json` from others
 MAX_NOTES = 1 << 16  # bytes of `meta.json`
 MAX_SIZE = 1024  # texels a side
+AT_ONCE = 1 << 16  # scattered values that are computed at once, so that their weights need little memory
 # A clone of the repository has folders NAME/3_8, named by block size and components.
 SPLIT = re.compile(r"\d{1,3}_\d{1,3}")
 
@@ -131,7 +132,7 @@ def _number(notes: dict[str, Any], key: str, label: str) -> int:
 class LocalPCA(Source):
     """The components and weights of a folder, decoded at the first read and kept, and multiplied on demand.
 
-    Slices (pictures of pairs) and scattered reads are both cheap.
+    Slices and scattered reads are both cheap.
     """
 
     def __init__(self, files: FolderFiles, size: int):
@@ -225,11 +226,11 @@ class LocalPCA(Source):
             out[:, places] = _linear(codes).reshape(len(texel), -1, 3)
         return out
 
-    def gather(self, pair: Array, row: Array, col: Array, step: int = 1 << 16) -> Array:
-        """As `Source.gather`; `step` values are computed at once, so that their weights need little memory."""
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        """As `Source.gather`, `AT_ONCE` values at once."""
         out = np.empty((len(pair), 3), np.float32)
-        for start in range(0, len(pair), step):
-            part = slice(start, start + step)
+        for start in range(0, len(pair), AT_ONCE):
+            part = slice(start, start + AT_ONCE)
             block, pair_in_block = np.divmod(pair[part], TOGETHER * LIGHTS)
             texel = np.asarray(row)[part] * self.shape[1] + np.asarray(col)[part]
             components = _signed(self.components[block, texel])

@@ -37,6 +37,8 @@ SCALARS = {2: "<f2", 4: "<f4", 8: "<f8"}  # bytes of a number → its type
 EPSILON = np.float32(1e-5)  # the writer added it before it took a logarithm
 YUV_TO_RGB = np.array([[1, 0, 1.13983], [1, -0.39465, -0.58060], [1, 2.03211, 0]], np.float32)
 DENSE_BYTES = 1 << 30  # of factors that are kept in memory as float32
+TEXELS_AT_ONCE = 64  # whose ABRDFs are multiplied at once
+VALUES_AT_ONCE = 4096  # scattered values that are computed at once, so that their factors need little memory
 MULTIPLIED = 64 << 20  # bytes at once: 17 slices of 400 × 400 texels, in half the time of one by one
 
 
@@ -314,8 +316,9 @@ def _read_factors(cursor: Cursor, material: Factorisation, rows: int, what: str)
 
 
 class FactorSource(Source):
-    """A memory-mapped factorisation, multiplied on demand: cheap by slice (the picture of a pair), by ABRDF (a texel at
-    all pairs) and scattered. Values that overflow in a product or an exponential are a `NotFiniteError`.
+    """A memory-mapped factorisation, multiplied on demand: cheap by slice, by ABRDF and scattered.
+
+    Values that overflow in a product or an exponential are a `NotFiniteError`.
     """
 
     def __init__(self, path: Path, material: Factorisation):
@@ -341,31 +344,29 @@ class FactorSource(Source):
         return list(pictures)
 
     @np.errstate(over="ignore", invalid="ignore")
-    def texels(self, rows: Array, cols: Array, pairs: Array, block: int = 64) -> Array:
-        """As `Source.texels`, (n, pairs, 3) float32; `block` texels are multiplied at once, in buffers that are used
-        again.
-        """
+    def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        """As `Source.texels`, (n, pairs, 3) float32: `TEXELS_AT_ONCE` at once, in buffers that are used again."""
         index = self._index(rows, cols)
         out = np.empty((len(index), len(pairs), 3), np.float32)
         # The factors (K, pairs) of each channel.
         pair_factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
-        buffers = np.empty((3, block, len(pairs)), np.float32)  # the products of each channel
-        for start in range(0, len(index), block):
-            block_index = index[start : start + block]
+        buffers = np.empty((3, TEXELS_AT_ONCE, len(pairs)), np.float32)  # the products of each channel
+        for start in range(0, len(index), TEXELS_AT_ONCE):
+            block_index = index[start : start + TEXELS_AT_ONCE]
             count = len(block_index)  # the last block may be shorter
             for texel_matrix, factors, buffer in zip(self.material.texels, pair_factors, buffers, strict=True):
                 np.matmul(texel_matrix.rows(block_index), factors, out=buffer[:count])
-            decoded = self._decode(buffers[:, :count], out=out[start : start + block])
+            decoded = self._decode(buffers[:, :count], out=out[start : start + TEXELS_AT_ONCE])
             finite(decoded, f"{self.path}: texels from {start}")
         return out
 
     @np.errstate(over="ignore", invalid="ignore")
-    def gather(self, pair: Array, row: Array, col: Array, block: int = 4096) -> Array:
-        """As `Source.gather`; `block` values are computed at once, so that their factors need little memory."""
+    def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        """As `Source.gather`, `VALUES_AT_ONCE` values at once."""
         index = self._index(row, col)
         out = np.empty((len(index), 3), np.float32)
-        for start in range(0, len(index), block):
-            part = slice(start, start + block)
+        for start in range(0, len(index), VALUES_AT_ONCE):
+            part = slice(start, start + VALUES_AT_ONCE)
             channels = []
             for texels, of_pairs in zip(self.material.texels, self.material.pairs, strict=True):
                 products = np.einsum("nk,nk->n", texels.rows(index[part]), of_pairs.rows(pair[part]))

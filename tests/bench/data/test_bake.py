@@ -197,6 +197,10 @@ def test_maps_are_given_by_hand(tmp_path, capsys):
     maps = recognise(folder, {"albedo": "photo.png", "roughness": "grey.png", "normal_gl": str(other)})
     assert maps.files == {"albedo": "photo.png", "roughness": "grey.png", "normal_gl": str(other)}
     assert set(maps.unused) == {"x_color.png", "x_rough.png"}
+    for path in ("./x_color.png", str(folder / "x_color.png")):  # of a file in the folder, whose name then says nothing
+        maps = recognise(folder, {"albedo": "photo.png", "metalness": path})
+        assert maps.files == {"albedo": "photo.png", "metalness": "x_color.png", "roughness": "x_rough.png"}
+    maps = recognise(folder, {"albedo": "photo.png", "roughness": "grey.png", "normal_gl": str(other)})
     surface = read_surface(maps, 8)
     np.testing.assert_allclose(surface.maps.roughness, 0.4, atol=1e-6)
     words = ["bake", str(folder), "-o", str(tmp_path / "a.npz"), "--size", "4", "--views", "1", "--lights", "1"]
@@ -374,6 +378,13 @@ def test_sixteen_bits_survive(tmp_path):
         png.Writer(16, 16, greyscale=True, bitdepth=16).write(stream, codes.tolist())
     surface = read_surface(recognise(folder), 16, depth=1.0)
     np.testing.assert_allclose(surface.maps.height * 65535, codes, atol=0.01)
+
+
+@pytest.mark.parametrize("depth", [-0.1, 1.5, np.nan])
+def test_a_depth_out_of_range_is_refused_whatever_maps_there_are(tmp_path, depth):
+    folder = save(tmp_path / "m", albedo=flat((0.5,) * 3))
+    with pytest.raises(InputError, match=r"depth .*between 0 and 1"):
+        read_surface(recognise(folder), 8, depth)
 
 
 def test_packed_maps_and_depth_by_name(tmp_path):

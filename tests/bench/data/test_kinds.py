@@ -9,6 +9,7 @@ import bench
 from bench.codec import silent
 from bench.data import kinds
 from bench.data.kinds import kind_of
+from bench.data.kinds.maps import PbrMaps
 from bench.data.open import draw_of, open_material, open_named
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
@@ -98,6 +99,13 @@ def test_without_it_the_same_path_is_measured_data(tmp_path: Path) -> None:
     assert type(kind_of(MaterialSpec("board", str(path)))).__name__ == "Measured"
     assert kind_of(MaterialSpec("satin")).drawn
     assert not kind_of(MaterialSpec("a", "a.btf")).drawn
+
+
+def test_the_bytes_of_a_bake_count_all_tables() -> None:
+    data = Preparation(8, views=3, lights=2, heldout=5, validation=True, low_light=4, between=9)
+    tables = data.tables("a", seed=0, draw=0)
+    pairs = sum(len(table.pairs[0]) for table in tables)
+    assert data.bytes_rendered == PbrMaps().bytes_made(MaterialSpec("a", "a"), data) == 12 * 8 * 8 * pairs
 
 
 def test_the_library_takes_values_as_they_are(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

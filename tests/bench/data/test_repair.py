@@ -45,7 +45,7 @@ def test_they_are_masked_by_the_mean_of_their_pair_and_channel(caplog):
     assert mended.fingerprint != btf.fingerprint
     assert repaired(truth) is truth
     btf.source.values[9, ..., 2] = np.nan
-    with pytest.raises(InputError, match="pair 9"):
+    with pytest.raises(InputError, match="spoiled: pair 9"):
         repaired(btf)
 
 

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from bench.data.open import open_named
 from bench.data.readers import open_btf
 from bench.data.readers.exr import write_exr
 from bench.data.readers.folder import write_folder
@@ -42,7 +43,7 @@ def test_written_folder_reads_back_without_loss(tmp_path, btf):
 def test_columns_in_any_order_and_pairs_sorted_by_view_then_light(tmp_path):
     folder = make(
         tmp_path / "x",
-        ["15,20,30,0, c.png,x", "", "0,0,0,0,a.png,y", "15,10,10,0,b.png,z"],
+        ["15,20,30,0, c.png,x", "", " \t", "0,0,0,0,a.png,y", "15,10,10,0,b.png,z"],
         "theta_i_deg,phi_i_deg,theta_o_deg,phi_o_deg,file,comment",
     )
     btf = open_btf(folder)
@@ -64,6 +65,7 @@ def test_angles_that_seem_to_be_radians_are_refused_until_the_user_says_what_the
     assert "radians" in radians.provenance["angles"]
     write_folder(degrees, tmp_path / "out")
     np.testing.assert_allclose(open_btf(tmp_path / "out").wi, degrees.wi, atol=1e-7)  # which holds degrees for sure
+    np.testing.assert_allclose(open_named(str(tmp_path / "out"), {}).wi, degrees.wi, atol=1e-7)  # also for a suite
     assert len(open_btf(make(tmp_path / "y", ["a.png,0,0,0.5,6.2", "b.png,0,0,15,3"]))) == 2
     refused(make(tmp_path / "z", ["a.png,0,0,0.5,6.2", "b.png,0,0,15,7"]), "theta_i_deg", angles="radians")
 

@@ -86,6 +86,9 @@ def test_radians_of_a_mean_abrdf_are_refused_or_converted_and_vectors_have_no_un
     refused(tmp_path / "a.npz", "theta_deg.*phi_deg: .*--radians.*--degrees")
     btf = open_btf(tmp_path / "a.npz", angles="radians")
     np.testing.assert_allclose(btf.wi, from_angles(np.array([0, 1.5]), np.array([0, 6]))[[0, 1, 0, 1]], atol=1e-7)
+    write_npz(btf, tmp_path / "c.npz")  # of vectors; it keeps the note on the angles that they were made of
+    assert "radians" in open_btf(tmp_path / "c.npz").provenance["angles"]
+    refused(tmp_path / "c.npz", "leave out --degrees", angles="degrees")
     np.savez(tmp_path / "b.npz", **arrays(wi=from_degrees([0, 1.5], [0, 6])))
     assert len(open_btf(tmp_path / "b.npz")) == 2
     assert "radians" in caplog.text

@@ -38,6 +38,7 @@ def test_a_reader_is_chosen_by_content_and_splits_are_disjoint(samples, tmp_path
 
 def test_unknown_files_and_folders_say_what_was_seen(refused, tmp_path):
     refused(tmp_path, "nothing")
+    refused("a" * 5000, "no such file")
     refused(tmp_path / "missing", "missing: ")
     for content in (b"\x89PNG\r\n\x1a\n", b"", b"hello"):
         (tmp_path / "a.btf").write_bytes(content)

@@ -65,7 +65,8 @@ def test_stated_factors_are_divided_out(tmp_path, lines, factors):
     [
         (lambda data: data.replace(b"\n", b"\r\n"), "binary"),
         (lambda data: data.replace(b"FORMAT=32-bit_rle_rgbe\n", b""), "FORMAT=32-bit_rle_rgbe"),
-        (lambda data: data.replace(b"FORMAT", b"GAMMA=2.2\nFORMAT"), "GAMMA"),
+        (lambda data: data.replace(b"rle_rgbe", b"rle_xyze"), "32-bit_rle_xyze.* save it as RGBE or EXR"),
+        (lambda data: data.replace(b"FORMAT", b"GAMMA=1\nGAMMA=2.2\nFORMAT"), "GAMMA is 2.2, .* save it as linear"),
         (lambda data: data.replace(b"FORMAT", b"EXPOSURE=-1\nFORMAT"), "EXPOSURE is -1"),
         (lambda data: data.replace(b"FORMAT", b"COLORCORR=1 0 1\nFORMAT"), "COLORCORR is 1 0 1"),
         (lambda data: data.replace(b"FORMAT", b"COLORCORR=1 1\nFORMAT"), "'1 1'"),
