@@ -144,7 +144,8 @@ def _toml_value(value: Any) -> str:
         value = os.fspath(value)
     if not isinstance(value, str | bool | int | float):
         raise InputError(f"bench.run: a suite holds numbers, texts, lists and dictionaries, not {_wrong_type(value)}")
-    return json.dumps(value)  # TOML writes these as JSON does
+    # TOML writes these as JSON does, but knows no pair of escapes for one character, as JSON has for an emoji.
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _codec_instance(codec: str | Codec, settings: dict[str, Any]) -> Codec:

@@ -77,7 +77,10 @@ class Timing:
     ratios: np.ndarray  # (turns,)
 
     def summary(self) -> records.Timing:
-        """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor."""
+        """The median in ns per sample, with its spread and bootstrap 95 % interval; the same of the ratio to the floor.
+
+        `ratio_least` is the smallest ratio of a turn, and `floor_ns` the median time of the floors beside the turns.
+        """
         quarter, three_quarters = np.percentile(self.samples, [25, 75])
         return {
             "ns_per_sample": float(np.median(self.samples)),

@@ -150,8 +150,14 @@ def test_a_variant_whose_answers_are_not_finite_is_left_out(tmp_path, short_vari
 
     monkeypatch.setattr(setting_variants, "prepared", overflowing)
     small = SUITE.replace("components = [1, 2]", "components = 1").partition('[[codecs]]\ncodec = "ntc"')[0]
-    found = setting_variants.time_variants(parse_suite("small", small), tmp_path / "times", "cpu", 5.0)
+    shown = []
+    found = setting_variants.time_variants(
+        parse_suite("small", small), tmp_path / "times", "cpu", 5.0, lambda *told: shown.append(told)
+    )
     assert [(record["label"], record["dtype"]) for record in found] == [("pca components=1", "float32")]
+    labels = {label for label, _, _ in shown}
+    assert {"satin: fits of one step", "pca components=1: executions and precisions"} < labels
+    assert {label for label, done, total in shown if done == total} == labels  # every bar ends
     assert "pca components=1, eager bfloat16: " in caplog.text
 
 

@@ -238,6 +238,15 @@ def test_a_file_whose_slices_are_gone_is_a_row_that_says_so_and_loses_only_its_o
     assert line == "—"  # gained on what is not known
 
 
+def test_a_codec_with_seeds_of_its_own_is_timed_at_the_first_of_them(tmp_path, quick):
+    codec = replace(SUITE.codecs[0], seeds=(3, 4))
+    suite = replace(SUITE, codecs=(codec,), variants=())
+    assert len(list(run(suite, Options(tmp_path)))) == 2
+    row = by_name(measure(suite, tmp_path))["mean-colour"]
+    assert row["of"] == "tiny/mean-colour/3"
+    assert row["ns_per_sample"] > 0
+
+
 def test_what_another_program_decodes_is_scored_and_not_timed(measured, fresh, quick, monkeypatch):
     plain, of_programs, profiled = trade.material_of_job, {"mean-colour"}, []
 
