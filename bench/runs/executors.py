@@ -58,8 +58,11 @@ def in_process() -> Iterator[Workers]:
 
 @contextmanager
 def processes(count: int, threads: int, device: str = "cpu", limit: float | None = None) -> Iterator[Workers]:
-    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one each in turn. A job
-    that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`."""
+    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one each in turn.
+
+    A job that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`; None: no limit.
+    `InputError` for a count, limit or device that cannot be used so.
+    """
     if limit is not None and not 0 < limit < math.inf:
         raise InputError(f"--max-seconds {limit:g}: must be above 0 and finite; leave it out for no limit")
     if count < 1:

@@ -60,7 +60,10 @@ class CodecSpec:
 
     @property
     def curve(self) -> str:
-        """The name of the rate–distortion curve of this job: its label without the swept settings."""
+        """The name of its jobs' rate–distortion curve: the label without the swept settings.
+
+        `scene` stays even if it is swept: models of a scene have a curve of their own.
+        """
         fixed = {key: value for key, value in self.settings.items() if key not in self.swept or key == "scene"}
         return _label(self.codec, fixed)
 
@@ -166,9 +169,9 @@ def load_suite(name: str) -> Suite:
 
 
 def parse_suite(name: str, text: str, file: str = "") -> Suite:
-    """Parse a suite from TOML text; errors name it `file`, or `suite NAME` if it is none.
+    """Parse a suite from TOML text; errors name it `file`, or `suite NAME` if that is "".
 
-    All is checked before anything is opened.
+    All is checked before anything is opened. `InputError` names the wrong key.
     """
     if not file:
         file = f"suite {name}"

@@ -45,7 +45,7 @@ MOST_WARM_UPS = 10
 
 @dataclass(frozen=True)
 class Queries:
-    """A batch: incoherent, uv and directions up to 75° at random, or coherent, slices of one pair row by row."""
+    """A batch of queries. Incoherent: uv and directions up to 75° at random. Coherent: one slice, row by row."""
 
     batch: int
     coherent: bool = False

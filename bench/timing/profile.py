@@ -84,9 +84,9 @@ def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
         case "evaluate":
             return partial(_chunks, material.evaluate, queries, material.chunk)
     decoders = networks(material)  # of the part `decoder`
-    inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in decoders]
     if not decoders:  # a codec without a network
         return None
+    inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in decoders]
     return lambda: [_chunks(net, (x,), material.chunk) for net, x in zip(decoders, inputs, strict=True)]
 
 
