@@ -95,7 +95,9 @@ class _Measuring:
         earlier = Run(folder)  # without records
         if (folder / records.FILE).exists():
             earlier = load_run(folder)
-        timed_before = {timed["job"] for timed in earlier.timings if timed.get("device") == str(device)}
+        gpu = timing.hardware(device).get("gpu")  # its name; None on a CPU
+        on_device = [row for row in earlier.timings if row.get("device") == str(device) and row.get("gpu") == gpu]
+        timed_before = {row["job"] for row in on_device}
         # Names of what an earlier process has timed on this device, and of what cannot be timed.
         self.done = timed_before | self.given_up()
         native_precisions = [precision for precision in DTYPES if _is_native(precision, device)]

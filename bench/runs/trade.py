@@ -195,12 +195,14 @@ def _measure_profiles(trade: _Trade, spec: MaterialSpec, jobs: list[Job], batche
     materials = _materials_to_profile(trade, jobs)
     if not materials:
         return
+    gpu = timing.hardware(trade.device).get("gpu")  # its name; None on a CPU
     done = set()
     for row in trade.run.profiles:
         job = job_of_name.get(row.get("of", ""))
         if job is None:  # a profile of the floor, which is timed beside each material, or of another material
             continue
-        if row["device"] == trade.device and row.get("score_key") == job["score_key"]:
+        is_on_device = row["device"] == trade.device and row.get("gpu") == gpu
+        if is_on_device and row.get("score_key") == job["score_key"]:
             condition = Condition(row["part"], row["batch"], row["coherent"], row["footprint"], row["threads"])
             done.add((job["job"], condition))
     for name, condition, measured in profile(materials, torch.get_num_threads(), batches, done):

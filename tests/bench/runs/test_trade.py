@@ -10,7 +10,7 @@ import torch
 
 from bench import cli, timing
 from bench.cli.commands import choose as choose_command
-from bench.codec import Fit
+from bench.codec import Fit, silent
 from bench.codecs.registry import load_codec
 from bench.compare.choosing import answers, name_of_choice, on_front, usable_rungs
 from bench.conformance.check import tiny_btf
@@ -176,6 +176,17 @@ def test_a_profile_has_each_part_and_condition_and_is_measured_once(measured, co
     monkeypatch.setattr(native, "emulated", lambda precision, device: False)
     monkeypatch.setattr("bench.timing.profile.in_turns", lambda *_: pytest.fail("timed again"))
     assert measure(SUITE, copied).profiles == found
+
+
+def test_a_profile_on_another_gpu_is_measured_again(copied, monkeypatch):
+    done = []
+    monkeypatch.setattr(trade, "profile", lambda *words: done.append(words[-1]) or [])
+    run = load_run(copied)
+    of_trade = trade._Trade(SUITE, run, "cpu", [], silent)
+    for hardware in ({}, {"gpu": "another"}):
+        monkeypatch.setattr(timing, "hardware", lambda device, found=hardware: found)
+        trade._measure_profiles(of_trade, SUITE.materials[0], trade._jobs_of(run, SUITE, SUITE.materials[0]), (1,))
+    assert [bool(each) for each in done] == [True, False]
 
 
 def test_ceilings_are_timed_in_turns_with_the_rest_and_rise_to_what_a_turn_reaches(monkeypatch):
