@@ -204,8 +204,10 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         foreign = set(spec.materials) - set(names)
         if foreign:
             raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
-    jobs_of = [len(set(spec.materials) or names) * len(spec.seeds or suite.seeds) for spec in suite.codecs]
-    _check_jobs(file, sum(jobs_of))
+    jobs = 0  # counted without making `suite.cells`, which may be billions
+    for spec in suite.codecs:
+        jobs += len(set(spec.materials) or names) * len(spec.seeds or suite.seeds)
+    _check_jobs(file, jobs)
     return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
 
 
