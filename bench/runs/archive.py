@@ -143,8 +143,10 @@ def unpack(path: Path, folder: Path) -> Run:
     except OSError as error:
         raise InputError(f"{path}: cannot be unpacked ({error.strerror})") from error
     run = records.load_run(folder)
-    if run.unreadable or not run.jobs:  # `unreadable` are numbers of lines
+    if run.unreadable:  # numbers of lines
         raise InputError(f"{path}: its records cannot be read (lines {run.unreadable[:5]}): pack the run again")
+    if not run.jobs:
+        raise InputError(f"{path}: its records have no job: pack the run again")
     return run
 
 
@@ -337,7 +339,8 @@ def _differences_of_values(place: str, claimed: Any, measured: Any) -> Iterator[
         return
     close = claimed == measured
     # Counts, texts and missing values (None) must be equal; only floats may differ by rounding.
-    if float in (type(claimed), type(measured)) and None not in (claimed, measured):
+    are_numbers = isinstance(claimed, int | float) and isinstance(measured, int | float)
+    if are_numbers and float in (type(claimed), type(measured)):
         if "/psnr" in place or place.startswith(("footprints/", "between/")):  # numbers in dB
             limit = DECIBELS
         else:
@@ -363,11 +366,10 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     try:
         settings = dict(word.split("=", 1) for word in words)
         of_label = settings_dict(make_codec(header.codec, programs | settings))
-        of_file = settings_dict(make_codec(header.codec, header.settings))
-    except (InputError, ValueError):  # the label names no codec and settings: two that differ stand for a misfit
-        of_label = {}
-        of_file = {"": None}
-    if not label.startswith(called) or of_label != of_file:
+        label_fits = of_label == settings_dict(make_codec(header.codec, header.settings))
+    except (InputError, ValueError):  # the label names no codec and settings
+        label_fits = False
+    if not label.startswith(called) or not label_fits:
         yield f"label is {label!r}, but the file's codec and settings have another label"
     words_of_curve = curve.removeprefix(called).split()
     if not curve.startswith(called) or not set(words_of_curve) <= set(words):

@@ -58,7 +58,7 @@ class Estimate:
         self.waiting.discard(name)
         if record["status"] == "ok" and not cached:
             effort = self.efforts[name]
-            # Of `at_once` jobs side by side, each takes so many times as long as passes between two ends.
+            # With `at_once` jobs side by side, so many jobs end in the time that one of them takes.
             self.seconds[effort.codec] += (now - self.last) * self.at_once
             self.steps[effort.codec] += effort.steps
         if cached != "record" and name in self.holds:
@@ -68,7 +68,7 @@ class Estimate:
 
     @property
     def first_message(self) -> str:
-        """The message before the run starts, such as `12 jobs, 4 of them recorded: about 20 min left`."""
+        """The message before the run starts, such as `12 jobs, 4 of them recorded: 8 left`."""
         jobs = _count_of_jobs(self.total)
         left = len(self.waiting - self.holds)
         if not left:

@@ -58,8 +58,11 @@ def in_process() -> Iterator[Workers]:
 
 @contextmanager
 def processes(count: int, threads: int, device: str = "cpu", limit: float | None = None) -> Iterator[Workers]:
-    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one each in turn. A job
-    that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`."""
+    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one each in turn.
+
+    A job that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`; None: no limit.
+    `InputError` for a count, limit or device that cannot be used so.
+    """
     if limit is not None and not 0 < limit < math.inf:
         raise InputError(f"--max-seconds {limit:g}: must be above 0 and finite; leave it out for no limit")
     if count < 1:
@@ -163,14 +166,26 @@ class Processes(Executor):
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Call a function in the first worker that is free, which is started if it has no process."""
         seat = self.free.get()  # waits for one
+        try:
+            process, job = self._begin(seat, fn, *args, **kwargs)
+        except BrokenProcessPool:  # its process died after its last job, as by the kernel that needed memory
+            self._end(seat, wait=False)
+            process, job = self._begin(seat, fn, *args, **kwargs)
+        _, _, told = self.pools[seat]
+        return self.watchers.submit(self._watch, seat, process, job, told)
+
+    def _begin(self, seat: int, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> tuple[Future[int], Future[T]]:
+        """Give a job to the worker of a seat; returns what `_watch` waits for: `process` and `job`.
+
+        Raises `BrokenProcessPool` if the worker's process has died.
+        """
         if seat not in self.pools:  # it had no job yet, or its process was ended
             self._start(seat)
-        pool, _, told = self.pools[seat]
+        pool, _, _ = self.pools[seat]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
         with handling(signal.SIGINT, signal.SIG_IGN):
             process = pool.submit(os.getpid)  # its answer says that the process has started
-            job = pool.submit(fn, *args, **kwargs)
-        return self.watchers.submit(self._watch, seat, process, job, told)
+            return process, pool.submit(fn, *args, **kwargs)
 
     def _start(self, seat: int) -> None:
         """Make the pool of a seat, whose one process starts with its first job, and a thread that shows what the

@@ -317,15 +317,15 @@ class Attempt:
         }
         memory = peak_bytes(fit.device) if counted else None
         if memory is not None:
-            facts["fit_memory"] = memory  # of a fit that was resumed, since then
+            facts["fit_memory"] = memory  # bytes; of a resumed fit, the most since it was resumed
         return header, facts
 
 
 def _facts_of_record(facts: Facts, cached: bool) -> Job:
     """The facts of a fit that the record of its job holds; `cached`: the fit is one of an earlier run.
 
-    They are seconds, the PSNR over the steps, and time and revision. None is in the codec file, whose bytes must not
-    change from one fit to the next.
+    They are its seconds, the PSNR over its steps, its faults, when and by which revision it was made, and its memory.
+    None is in the codec file, whose bytes must not change from one fit to the next.
     """
     record: Job = {"fit_seconds": facts["fit_seconds"], "history": facts["history"], "fit_cached": cached}
     if facts.get("faults"):

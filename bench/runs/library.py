@@ -80,7 +80,8 @@ def encode(
 
     `codec` is a name, with its `settings`, or a codec. `seed` is the repetition, as in the `seeds` of a suite: with the
     same data and name of the material a run writes the same file. With `scene=True` among the settings, the fit is to
-    the scene of `demand`, a demand file. The fit calls `show(label, done, total)` as it progresses.
+    the scene of `demand`, a demand file. The fit calls `show(label, done, total)` as it progresses. `InputError` says
+    what cannot be used, and why; `EncodeError`, which is one, that the codec failed.
     """
     if not isinstance(btf, BTF):
         raise InputError(f"bench.encode: give a BTF, not {_wrong_type(btf)}: bench.open(name) opens one")
@@ -117,7 +118,8 @@ def run(
 
     `suite` is the name of a built-in suite, a TOML file, or a dictionary with the keys of one. `materials` take the
     place of its own, `codecs` chooses among its codecs. More than one job at once runs in processes of their own. What
-    was measured before is not measured again; a failed job is a row with its `error`.
+    was measured before is not measured again; a failed job is a row with its `error`. `InputError` if the suite, a
+    material or the folder cannot be used.
     """
     require_present(device, "device")
     chosen = parse_suite("script", _as_toml(suite)) if isinstance(suite, Mapping) else load_suite(str(suite))
@@ -144,7 +146,8 @@ def _toml_value(value: Any) -> str:
         value = os.fspath(value)
     if not isinstance(value, str | bool | int | float):
         raise InputError(f"bench.run: a suite holds numbers, texts, lists and dictionaries, not {_wrong_type(value)}")
-    return json.dumps(value)  # TOML writes these as JSON does
+    # TOML writes these as JSON does, but knows no pair of escapes for one character, as JSON has for an emoji.
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _codec_instance(codec: str | Codec, settings: dict[str, Any]) -> Codec:

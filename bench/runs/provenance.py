@@ -1,4 +1,4 @@
-"""The process and machine that numbers come from: code, packages, processor; and their settings, restored."""
+"""Where numbers come from: the revision of the code, the versions of packages, and the processor and system."""
 
 import os
 import platform
@@ -19,7 +19,10 @@ PACKAGES = ("neubtf-bench", "torch", "numpy", "scipy", "scikit-image", "OpenEXR"
 
 
 def provenance() -> RunStart:
-    """Git revision of the suite (None outside a checkout), package versions, processor and operating system."""
+    """The fields of a run's start that say what measured it: Git revision, versions of packages and Python, machine.
+
+    The revision is None outside a checkout.
+    """
     capability = torch.backends.cpu.get_cpu_capability()
     cores = os.cpu_count()
     here: Machine = {"system": platform.platform(), "processor": processor(), "capability": capability, "cores": cores}

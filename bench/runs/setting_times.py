@@ -19,7 +19,7 @@ import numpy as np
 
 from bench import records, timing
 from bench.btf import BTF
-from bench.codec import Codec, Progress, settings_dict, silent
+from bench.codec import Codec, Progress, followed, settings_dict, silent
 from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
 from bench.codecs.scene_material import without_warnings
@@ -135,8 +135,7 @@ def decoded_settings(
     for surface in surfaces:
         btf: BTF | None = None
         specs = [spec for spec in suite.codecs if not spec.materials or surface.name in spec.materials]
-        for count, spec in enumerate(specs):
-            show(f"{surface.name}: fits of one step", count, len(specs))
+        for spec in followed(show, specs, f"{surface.name}: fits of one step", len(specs)):
             try:
                 codec = one_step_codec(spec)
                 path = folder / "files" / _file_name(suite, surface, codec)
@@ -179,11 +178,7 @@ def one_step_codec(spec: CodecSpec) -> Codec:
 
 
 def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], threads: int, show: Progress) -> None:
-    """Time all contestants in turns, and add what was measured to their entries, which are by label and operations.
-
-    A codec that answers at texels is scored at texels, while a query between them blends several and takes longer. Its
-    entry has the time at one texel, and the time between texels beside it.
-    """
+    """Time all contestants in turns, and add what was measured to their entries, which are by label and operations."""
     timed: dict[str, Material] = {}
     for (surface, label), material in materials.items():
         timed[f"{surface}/{label}"] = material

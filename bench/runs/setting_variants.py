@@ -15,13 +15,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from bench import records, timing
-from bench.codec import Codec, Fit, Progress, settings_dict, silent
+from bench.btf import BTF
+from bench.codec import Codec, Fit, Progress, ended_bars, followed, settings_dict, silent
 from bench.codecs import shared
 from bench.codecs.encoding import fit_codec
 from bench.codecs.registry import make_codec
@@ -70,11 +71,11 @@ class Clock:
 def time_variants(suite: Suite, folder: Path, device: str, minutes: float, show: Progress = silent) -> list[Timing]:
     """Time the variants of a suite's settings, on its first surface, and steps of fits; returns what it recorded.
 
-    Nothing is begun after so many minutes.
+    Nothing is begun after `minutes`. `InputError` if another run uses the folder, or it cannot be written.
     """
     run = new_run()
-    with lock.locked(folder, run):
-        measuring = _Measuring(canonical(suite), folder, torch.device(device), run, Clock(minutes), show)
+    with lock.locked(folder, run), ended_bars(show) as show_in_bars:
+        measuring = _Measuring(canonical(suite), folder, torch.device(device), run, Clock(minutes), show_in_bars)
         measuring.everything()
     return measuring.found
 
@@ -94,7 +95,9 @@ class _Measuring:
         earlier = Run(folder)  # without records
         if (folder / records.FILE).exists():
             earlier = load_run(folder)
-        timed_before = {timed["job"] for timed in earlier.timings if timed.get("device") == str(device)}
+        gpu = timing.hardware(device).get("gpu")  # its name; None on a CPU
+        on_device = [row for row in earlier.timings if row.get("device") == str(device) and row.get("gpu") == gpu]
+        timed_before = {row["job"] for row in on_device}
         # Names of what an earlier process has timed on this device, and of what cannot be timed.
         self.done = timed_before | self.given_up()
         native_precisions = [precision for precision in DTYPES if _is_native(precision, device)]
@@ -142,7 +145,6 @@ class _Measuring:
 
         `batch` counts the queries of a call.
         """
-        self.show(f"{label}: executions and precisions", len(self.found), len(self.suite.codecs))
         setting = setting_name(label, material.cost.flops_per_sample)
         missing = {}
         for variant in _possible(material):
@@ -173,7 +175,7 @@ class _Measuring:
         batch = queries.draw(material.size, self.device)
         exact = copy.deepcopy(material).to(dtype=torch.float64)
         compared = {}
-        for name, variant in missing.items():
+        for name, variant in followed(self.show, missing.items(), f"{label}: executions and precisions", len(missing)):
             if self.clock.over:
                 break
             # A fault of a GPU may end this process. The next one then finds the variant's name in this file.
@@ -321,13 +323,12 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
     surface = surfaces_of(suite)[0]
     btf = open_material(surface, suite.data, show, path_tracer=load_path_tracer)
     train = btf.subset(btf.split().train)
-    for spec in specs.values():
+    for spec in followed(show, specs.values(), "timing steps of fits", len(specs)):
         name = f"fit/{spec.label}/{device}"
         if clock.over:
             return
         if name in done:  # an earlier process has timed it
             continue
-        show(f"{spec.label}: steps of its fit", 0, 1)
         try:
             one_step = _seconds_of_fit(spec, steps=1, train=train, device=device, threads=suite.threads)
             many_steps = _seconds_of_fit(spec, steps=1 + FIT_STEPS, train=train, device=device, threads=suite.threads)
@@ -358,8 +359,8 @@ def _timing_of_step(name: str, label: str, step_ns: float, threads: int, device:
     return row | timing.hardware(device)
 
 
-def _seconds_of_fit(spec: CodecSpec, steps: int, train: Any, device: str, threads: int) -> float:
-    """Wall seconds of a fit of so many steps to the training pairs `train`, a BTF."""
+def _seconds_of_fit(spec: CodecSpec, steps: int, train: BTF, device: str, threads: int) -> float:
+    """Wall seconds of a fit of so many steps to the training pairs `train`."""
     codec: Codec = make_codec(spec.codec, spec.settings | {"steps": steps})
     fit = Fit(torch.device(device), threads, network=shared.find_for(codec))
     start = time.perf_counter()

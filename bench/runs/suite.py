@@ -60,7 +60,10 @@ class CodecSpec:
 
     @property
     def curve(self) -> str:
-        """The name of the rate–distortion curve of this job: its label without the swept settings."""
+        """The name of its jobs' rate–distortion curve: the label without the swept settings.
+
+        `scene` stays even if it is swept: models of a scene have a curve of their own.
+        """
         fixed = {key: value for key, value in self.settings.items() if key not in self.swept or key == "scene"}
         return _label(self.codec, fixed)
 
@@ -111,7 +114,7 @@ class Suite:
 class Task:
     """One cell of a suite as a worker gets it: plain data."""
 
-    run: str
+    run: str  # its name
     folder: Path  # of the run
     material: MaterialSpec
     data: Preparation
@@ -123,13 +126,14 @@ class Task:
     metrics: tuple[str, ...] = DEFAULTS  # as the suite names them
     device: str = "cpu"
     scorers: int | None = None  # threads that score; None: one a core
-    fresh: bool = False
+    fresh: bool = False  # fit and score again, whatever earlier runs left
     earlier: Job | None = None  # the job's latest record, if it may still hold
     network: str = ""  # the file, in the run's folder, of the network that the codec shares over materials
     losses: int = 0  # workers that died while they ran this job
 
     @property
     def name(self) -> str:
+        """The name of the job: material/label/seed."""
         return f"{self.material.name}/{self.codec.label}/{self.repetition}"
 
     @property
@@ -165,9 +169,9 @@ def load_suite(name: str) -> Suite:
 
 
 def parse_suite(name: str, text: str, file: str = "") -> Suite:
-    """Parse a suite from TOML text; errors name it `file`, or `suite NAME` if it is none.
+    """Parse a suite from TOML text; errors name it `file`, or `suite NAME` if that is "".
 
-    All is checked before anything is opened.
+    All is checked before anything is opened. `InputError` names the wrong key.
     """
     if not file:
         file = f"suite {name}"
@@ -200,8 +204,10 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         foreign = set(spec.materials) - set(names)
         if foreign:
             raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
-    jobs_of = [len(set(spec.materials) or names) * len(spec.seeds or suite.seeds) for spec in suite.codecs]
-    _check_jobs(file, sum(jobs_of))
+    jobs = 0  # counted without making `suite.cells`, which may be billions
+    for spec in suite.codecs:
+        jobs += len(set(spec.materials) or names) * len(spec.seeds or suite.seeds)
+    _check_jobs(file, jobs)
     return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
 
 
@@ -374,15 +380,15 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
             default |= {RECIPE: codec.Settings.recipe}  # type: ignore[attr-defined]
     except CodecError:  # its jobs fail with this error
         return spec.settings
-    # A recipe may overrule settings: `parsed` has the values in force, and what no field holds as it was given.
+    # The values in force, since a recipe may overrule settings; a setting without a field keeps the value given.
     parsed = spec.settings | dataclasses.asdict(codec.settings) | chosen
     return {key: parsed[key] for key in spec.settings if chosen.get(key) != default.get(key)}
 
 
 def _refuse_ignored(suite: Suite, key: str) -> None:
-    """Raise `InputError` if all materials ignore a setting of the data, like "data.views"."""
+    """Raise `InputError` if all materials of a suite, which may have none, ignore a setting like "data.views"."""
     reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]  # "" where a material heeds it
-    if all(reasons):
+    if reasons and all(reasons):
         raise InputError(f"--set {key}: {reasons[0]}")
 
 
@@ -424,7 +430,7 @@ def _hint(suite: Suite, scope: str, name: str) -> str:
 
 
 def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
-    """One line for each change of a setting that names the codecs it changes, or the materials that ignore it."""
+    """Lines on changes of settings: which codecs each one changes, and why a material ignores one of the data."""
     codecs = dict.fromkeys(spec.codec for spec in suite.codecs)  # each once, in order
     lines = []
     for key, value in changes.items():

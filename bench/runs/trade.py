@@ -1,11 +1,10 @@
 """Measures the trade-offs of a suite: quality, bytes and time of every setting, execution and precision.
 
-A *choice* is a codec file with an execution (eager, compiled, network or fused) and a precision; the two together are
-a variant.
-Variants do not change the file: all are scored and timed from the same one. An entry of the suite may be a *sweep* over
-the values of a setting; only the files of other entries are tried in several variants. *Ceilings* are the rates of
-arithmetic and memory that were measured on the device. The results are timings among the run's records: what has one is
-not measured again, and each choice has one without a time from when it is scored.
+A *choice* is a codec file with a variant: an execution (eager, compiled, network or fused) and a precision. Variants do
+not change the file: all are scored and timed from the same one. An entry of the suite may be a *sweep* over the values
+of a setting; only the files of other entries are tried in several variants. *Ceilings* are the rates of arithmetic and
+memory that were measured on the device. The results are timings among the run's records. A choice gets one when it is
+scored, and another, with its time, when it is timed; then it is not measured again.
 """
 
 from collections.abc import Callable, Collection
@@ -192,21 +191,26 @@ class _Trade:
 
 def _measure_profiles(trade: _Trade, spec: MaterialSpec, jobs: list[Job], batches: tuple[int, ...]) -> None:
     """Time a material's codecs in each condition of a profile in which they were not timed yet."""
-    by_name = {job["job"]: job for job in jobs}
+    job_of_name = {job["job"]: job for job in jobs}
     materials = _materials_to_profile(trade, jobs)
     if not materials:
         return
+    gpu = timing.hardware(trade.device).get("gpu")  # its name; None on a CPU
     done = set()
     for row in trade.run.profiles:
-        of = by_name.get(row.get("of", ""), Job())
-        if row["device"] == trade.device and row.get("score_key") == of.get("score_key"):
+        job = job_of_name.get(row.get("of", ""))
+        if job is None:  # a profile of the floor, which is timed beside each material, or of another material
+            continue
+        is_on_device = row["device"] == trade.device and row.get("gpu") == gpu
+        if is_on_device and row.get("score_key") == job["score_key"]:
             condition = Condition(row["part"], row["batch"], row["coherent"], row["footprint"], row["threads"])
-            done.add((of.get("job", timing.FLOOR), condition))
+            done.add((job["job"], condition))
     for name, condition, measured in profile(materials, torch.get_num_threads(), batches, done):
         fields = asdict(condition)
         row = {"kind": "timing", "material": spec.name}
-        if name in by_name:
-            row |= {"of": name, "label": by_name[name]["label"], "score_key": by_name[name]["score_key"]}
+        if name in job_of_name:
+            job = job_of_name[name]
+            row |= {"of": name, "label": job["label"], "score_key": job["score_key"]}
         else:
             name = f"{spec.name}/{name}"
             row["label"] = timing.FLOOR
@@ -254,10 +258,10 @@ def _variants_on(suite: Suite, device: torch.device, emulated: bool) -> tuple[li
 
 
 def _jobs_of(run: Run, suite: Suite, spec: MaterialSpec) -> list[Job]:
-    """The jobs of a suite's codecs on one material, of its first seed, as far as the run has them."""
+    """The jobs on one material that are timed, as far as the run has them."""
     jobs = []
-    for codec in suite.codecs:
-        job = run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}")
+    for name in _timed_jobs(replace(suite, materials=(spec,))):
+        job = run.job(name)
         if job is not None:  # None: its record is missing
             jobs.append(job)
     return jobs
@@ -310,10 +314,10 @@ def _expected_ns(run: Run, name: str, device: torch.device) -> float:
 
 
 def _timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
-    """The entries of a suite by the names of the jobs that are timed: those of its first seed."""
-    first_seed = suite.seeds[0]
+    """The entries of a suite by the names of the jobs that are timed: those of the first seed of each entry."""
     entries = {}
     for material, codec, seed in suite.cells:
+        first_seed = (codec.seeds or suite.seeds)[0]
         if seed == first_seed:
             entries[f"{material.name}/{codec.label}/{seed}"] = codec
     return entries
@@ -351,8 +355,9 @@ def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None
         return
     timed: dict[str, Material] = {}  # by name of the choice
     suite = trade.suite
-    with open_workbench(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), trade.show) as workbench:
-        for job, variant, material in missing:
+    for job, variant, material in missing:
+        opening = Opening("trade", spec, suite.data, job["seed"], suite.metrics)
+        with open_workbench(opening, trade.show) as workbench:  # which stays open for jobs of the same seed
             row = trade.known(trade.row(job, variant))
             try:
                 ready = prepared(material, variant)  # the material in that execution and precision

@@ -156,8 +156,8 @@ class Workbench:
         groups[LOW_LIGHT] = self.split.low_light
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
 
-    def _at_equal_angles(self, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of two groups of pairs (n,) and (m,) as many of each in every cell of `CELL_DEG` over θ_o and θ_i.
+    def _at_equal_angles(self, inside: np.ndarray, outside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of pairs inside a hull (n,) and outside (m,), as many of each in every cell of `CELL_DEG` over θ_o and θ_i.
 
         Directions outside a hull are mostly grazing, where all codecs are worse; so only the hull makes a difference.
         """
@@ -165,14 +165,14 @@ class Workbench:
         theta_i, _ = to_degrees(self.btf.wi)
         cell = 1000 * (theta_o // CELL_DEG) + theta_i // CELL_DEG  # (N,), a number for each
         kept: list[list[np.ndarray]] = [[], []]
-        for common in np.intersect1d(cell[first], cell[second]):
-            members = [group[cell[group] == common] for group in (first, second)]
+        for common in np.intersect1d(cell[inside], cell[outside]):
+            members = [group[cell[group] == common] for group in (inside, outside)]
             count = min(map(len, members))
             for side, pairs in zip(kept, members, strict=True):
                 evenly = np.linspace(0, len(pairs) - 1, count).round().astype(int)
                 side.append(pairs[evenly])
-        inside, outside = (np.sort(np.concatenate([np.empty(0, int), *side])) for side in kept)
-        return inside, outside
+        kept_inside, kept_outside = (np.sort(np.concatenate([np.empty(0, int), *side])) for side in kept)
+        return kept_inside, kept_outside
 
     @cached_property
     def scored(self) -> np.ndarray:

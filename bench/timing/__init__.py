@@ -45,7 +45,7 @@ MOST_WARM_UPS = 10
 
 @dataclass(frozen=True)
 class Queries:
-    """A batch: incoherent, uv and directions up to 75° at random, or coherent, slices of one pair row by row."""
+    """A batch of queries. Incoherent: uv and directions up to 75° at random. Coherent: one slice, row by row."""
 
     batch: int
     coherent: bool = False
@@ -77,7 +77,10 @@ class Timing:
     ratios: np.ndarray  # (turns,)
 
     def summary(self) -> records.Timing:
-        """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor."""
+        """The median in ns per sample, with its spread and bootstrap 95 % interval; the same of the ratio to the floor.
+
+        `ratio_least` is the smallest ratio of a turn, and `floor_ns` the median time of the floors beside the turns.
+        """
         quarter, three_quarters = np.percentile(self.samples, [25, 75])
         return {
             "ns_per_sample": float(np.median(self.samples)),

@@ -55,7 +55,10 @@ class Variant:
 
     @staticmethod
     def parse(text: str) -> "Variant":
-        """The variant that a text names: an execution, or an execution and a precision."""
+        """The variant that a text names: an execution, or an execution and a precision.
+
+        `InputError` names a wrong word.
+        """
         execution, _, precision = text.partition(" ")
         precision = precision or "float32"
         for word, known in ((execution, EXECUTIONS), (precision, tuple(DTYPES))):

@@ -32,12 +32,12 @@ ROUNDS = 10
 
 @dataclass(frozen=True)
 class Condition:
-    """The timed part: `decoder` (the networks alone), `evaluate` (with the fetch) or `query` (with all checks)."""
+    """What is timed, on which queries and how many CPU threads; as in `Queries` where both have a field."""
 
-    part: str = "query"
+    part: str = "query"  # or `evaluate` (the fetch and the networks, without checks), or `decoder` (networks alone)
     batch: int = BATCH
     coherent: bool = False
-    footprint: float = 0.0
+    footprint: float = 0.0  # in texels
     threads: int = 1
 
 
@@ -84,9 +84,9 @@ def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
         case "evaluate":
             return partial(_chunks, material.evaluate, queries, material.chunk)
     decoders = networks(material)  # of the part `decoder`
-    inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in decoders]
     if not decoders:  # a codec without a network
         return None
+    inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in decoders]
     return lambda: [_chunks(net, (x,), material.chunk) for net, x in zip(decoders, inputs, strict=True)]
 
 

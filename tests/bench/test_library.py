@@ -15,6 +15,8 @@ from bench.data.readers.folder import write_folder
 from bench.directions.hemisphere import from_degrees
 from bench.inputs.errors import ContainerError, InputError
 from bench.records import load_run
+from bench.runs import library
+from bench.runs.suite import parse_suite
 from tests.bench.demand.scenes import SUN, camera, demand_of, surface
 
 PAGE = Path(__file__).parents[2] / "docs" / "api.md"
@@ -63,6 +65,11 @@ def test_a_command_a_script_and_a_run_make_the_same_file(tmp_path, folder):
     script = bench.encode(bench.open(folder), "neubtf-direct", "script.nbtf", seed=1, **settings)
     assert job["score_key"]["sha256"] == script.sha256 == container.read_header(Path("1.nbtf")).sha256
     assert container.read_header(Path("0.nbtf")).sha256 != script.sha256
+
+
+def test_a_suite_of_a_script_may_hold_any_character():
+    suite = {"description": "é 🎨 \n", "materials": ["satin"], "codecs": [{"codec": "pca"}]}
+    assert parse_suite("script", library._as_toml(suite)).description == "é 🎨 \n"
 
 
 @pytest.mark.long

@@ -1,8 +1,8 @@
 """A fitted network as the layers that a fast kernel computes, folded in float64.
 
 Two things are folded: the mean that a layer norm subtracts, into the weights before it (Wx + b − mean = (W − mean of
-W's rows) x + b − mean of b); and the sine's frequency, into the layer before it, so that the sine takes turns: sin(2π
-t).
+W's rows) x + b − mean of b); and the sine's frequency, into the layer before it, so that the sine is of turns t:
+sin(2π t).
 """
 
 import math
@@ -22,8 +22,8 @@ from bench.training.decoder import Activation, Decoder
 class Norm:
     """x → x · gain / √(mean of x² + eps) + offset, for x with mean 0."""
 
-    gain: Array
-    offset: Array
+    gain: Array  # (width,)
+    offset: Array  # (width,)
     eps: float
 
 

@@ -142,16 +142,16 @@ def _refuse_unsuited(architecture: Architecture, parameter: Tensor) -> None:
     # One width for all hidden layers. A residual of the first layer is not computed by the kernel.
     width, *others = set(architecture.widths)
     if others or (architecture.residual and architecture.inputs == width):
-        raise InputError("fused on a GPU needs hidden layers of one width, unlike that of the inputs: use compiled")
+        raise InputError("network on a GPU needs hidden layers of one width, unlike that of the inputs: use compiled")
     if parameter.dtype not in (torch.float32, torch.bfloat16):
-        raise InputError(f"fused on a GPU computes in float32 or bfloat16, not {parameter.dtype}: use compiled")
+        raise InputError(f"network on a GPU computes in float32 or bfloat16, not {parameter.dtype}: use compiled")
     # At least the numbers that one layer passes to the next go through shared memory: 514 kB for 512 channels.
     if is_gpu(parameter.device) and BLOCK * _padded(width) * parameter.itemsize > MOST_SHARED:
-        raise InputError(f"fused on a GPU has no room for {width} channels of {parameter.dtype}: use compiled")
+        raise InputError(f"network on a GPU has no room for {width} channels of {parameter.dtype}: use compiled")
     # With 67 inputs, padded to 128, Triton 3.6 read where it may not, on an H100 in batches of 65,536.
     if parameter.itemsize < 4 and architecture.inputs > MOST_SHORT_INPUTS:
         raise InputError(
-            f"fused on a GPU in {parameter.dtype} takes up to {MOST_SHORT_INPUTS} inputs, not "
+            f"network on a GPU in {parameter.dtype} takes up to {MOST_SHORT_INPUTS} inputs, not "
             f"{architecture.inputs}: use float32, tf32 or compiled"
         )
 
@@ -160,8 +160,7 @@ class TritonNetwork(Network):
     """Computes a `Decoder` on its device and in its dtype, float32 or bfloat16; `tf32` rounds float32 products."""
 
     def __init__(self, decoder: Decoder, tf32: bool = False):
-        """Take the layers of a decoder. `InputError` if its widths or types suit no kernel. `tf32`: products round
-        so."""
+        """Take the layers of a decoder. `InputError` if the kernel cannot compute such a network."""
         super().__init__()
         architecture = decoder.architecture
         parameter = next(decoder.parameters())  # its type and device are those of all

@@ -11,7 +11,7 @@ import pytest
 from bench import cli
 from bench.inputs.errors import InputError
 from bench.records import FILE, load_run, load_together
-from bench.runs.archive import unpack
+from bench.runs.archive import _differences_of_values, unpack
 
 SUITE = """
 materials = ["satin"]
@@ -332,3 +332,16 @@ def test_an_archive_that_inflates_beyond_all_proportion_is_refused(tmp_path):
                 file.write(bytes(1 << 20))
     with pytest.raises(InputError, match=r"a\.zip: files/a\.nbtf: .*68157440"):
         unpack(tmp_path / "a.zip", tmp_path / "inside")
+
+
+def test_an_archive_without_jobs_is_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr(FILE, "")
+    with pytest.raises(InputError, match=r"a\.zip: its records have no job"):
+        unpack(tmp_path / "a.zip", tmp_path / "inside")
+
+
+@pytest.mark.parametrize("claimed", ["12.5", {"mean": 12.5}, [12.5], None])
+def test_a_claim_of_another_type_than_the_measurement_differs(claimed):
+    (difference,) = _differences_of_values("scores/all", claimed, 12.5)
+    assert difference.startswith("scores/all is 12.5, not ")

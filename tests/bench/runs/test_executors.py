@@ -31,6 +31,19 @@ def test_a_worker_that_dies_takes_only_its_own_job_along():
         assert [workers.executor.submit(divmod, n, 2).result() for n in range(4)] == [(0, 0), (0, 1), (1, 0), (1, 1)]
 
 
+def test_a_worker_that_dies_without_a_job_is_replaced():
+    with processes(1, 1) as workers:
+        worker = workers.executor.submit(os.getpid).result()
+        pool, _, _ = workers.executor.pools[0]
+        (process,) = pool._processes.values()
+        os.kill(worker, signal.SIGKILL)
+        process.join()
+        deadline = time.monotonic() + 60
+        while not pool._broken and time.monotonic() < deadline:  # its pool notices a moment later
+            time.sleep(0.01)
+        assert workers.executor.submit(divmod, 7, 2).result() == (3, 1)
+
+
 def test_a_worker_tells_its_progress_and_the_bar_of_a_dead_one_ends():
     shown = []
     with processes(1, 1) as workers:

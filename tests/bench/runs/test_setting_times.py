@@ -9,9 +9,10 @@ import pytest
 import torch
 
 from bench import cli
+from bench.codec import silent
 from bench.codecs import registry
 from bench.inputs.errors import InputError
-from bench.records import load_run
+from bench.records import append, load_run
 from bench.records.schema import setting_name
 from bench.runs import setting_times, setting_variants
 from bench.runs.setting_times import Entry, time_settings
@@ -150,9 +151,24 @@ def test_a_variant_whose_answers_are_not_finite_is_left_out(tmp_path, short_vari
 
     monkeypatch.setattr(setting_variants, "prepared", overflowing)
     small = SUITE.replace("components = [1, 2]", "components = 1").partition('[[codecs]]\ncodec = "ntc"')[0]
-    found = setting_variants.time_variants(parse_suite("small", small), tmp_path / "times", "cpu", 5.0)
+    shown = []
+    found = setting_variants.time_variants(
+        parse_suite("small", small), tmp_path / "times", "cpu", 5.0, lambda *told: shown.append(told)
+    )
     assert [(record["label"], record["dtype"]) for record in found] == [("pca components=1", "float32")]
+    labels = {label for label, _, _ in shown}
+    assert {"satin: fits of one step", "pca components=1: executions and precisions"} < labels
+    assert {label for label, done, total in shown if done == total} == labels  # every bar ends
     assert "pca components=1, eager bfloat16: " in caplog.text
+
+
+def test_what_was_timed_on_another_gpu_is_timed_again(tmp_path, short_variants, monkeypatch):
+    row = setting_variants._timing_of_step("fit/ntc/cpu", "ntc", 5.0, 1, "cpu")
+    append(tmp_path, row | {"run": "1", "gpu": "another"})
+    words = parse_suite("small", SUITE), tmp_path, torch.device("cpu"), "2", setting_variants.Clock(0), silent
+    assert setting_variants._Measuring(*words).done == set()
+    monkeypatch.setattr("bench.timing.hardware", lambda device: {"gpu": "another"})
+    assert setting_variants._Measuring(*words).done == {"fit/ntc/cpu"}
 
 
 BROKEN = SUITE.partition('[[codecs]]\ncodec = "ntc"')[0] + '[[codecs]]\ncodec = "broken"\n'

@@ -337,3 +337,8 @@ def test_the_suite_of_the_page_is_what_its_comments_say():
         "neubtf-direct steps=500",
     ]
     assert len(suite.cells) == 2 * (3 * 4 + 1)
+
+
+def test_settings_of_the_data_of_a_suite_without_materials_are_kept():
+    suite = parse_suite("test", '[[codecs]]\ncodec = "pca"\n')
+    assert with_changes(suite, [], [], {"data.size": "8"}).data.size == 8

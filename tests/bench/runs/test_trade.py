@@ -10,7 +10,7 @@ import torch
 
 from bench import cli, timing
 from bench.cli.commands import choose as choose_command
-from bench.codec import Fit
+from bench.codec import Fit, silent
 from bench.codecs.registry import load_codec
 from bench.compare.choosing import answers, name_of_choice, on_front, usable_rungs
 from bench.conformance.check import tiny_btf
@@ -178,6 +178,17 @@ def test_a_profile_has_each_part_and_condition_and_is_measured_once(measured, co
     assert measure(SUITE, copied).profiles == found
 
 
+def test_a_profile_on_another_gpu_is_measured_again(copied, monkeypatch):
+    done = []
+    monkeypatch.setattr(trade, "profile", lambda *words: done.append(words[-1]) or [])
+    run = load_run(copied)
+    of_trade = trade._Trade(SUITE, run, "cpu", [], silent)
+    for hardware in ({}, {"gpu": "another"}):
+        monkeypatch.setattr(timing, "hardware", lambda device, found=hardware: found)
+        trade._measure_profiles(of_trade, SUITE.materials[0], trade._jobs_of(run, SUITE, SUITE.materials[0]), (1,))
+    assert [bool(each) for each in done] == [True, False]
+
+
 def test_ceilings_are_timed_in_turns_with_the_rest_and_rise_to_what_a_turn_reaches(monkeypatch):
     monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
     monkeypatch.setattr("bench.timing.profile.SIDE", 64)
@@ -236,6 +247,15 @@ def test_a_file_whose_slices_are_gone_is_a_row_that_says_so_and_loses_only_its_o
     text = table_text(fresh, kind="trade", whole=True)
     (line,) = re.findall(r"^neubtf-direct steps=20 +\S+ +\S+ +(\S+) +\S+\n\[eager bfloat16\]", text, re.M)
     assert line == "—"  # gained on what is not known
+
+
+def test_a_codec_with_seeds_of_its_own_is_timed_at_the_first_of_them(tmp_path, quick):
+    codec = replace(SUITE.codecs[0], seeds=(3, 4))
+    suite = replace(SUITE, codecs=(codec,), variants=())
+    assert len(list(run(suite, Options(tmp_path)))) == 2
+    row = by_name(measure(suite, tmp_path))["mean-colour"]
+    assert row["of"] == "tiny/mean-colour/3"
+    assert row["ns_per_sample"] > 0
 
 
 def test_what_another_program_decodes_is_scored_and_not_timed(measured, fresh, quick, monkeypatch):
