@@ -108,8 +108,7 @@ def textures(program: Program) -> Textures:
 
 
 def _grey_levels(texture: np.ndarray) -> np.ndarray:
-    """A texture (H, W, D) as grey levels, uint8, as the NeuBTF paper shows it: each channel at mean 0 and variance 1,
-    through a sigmoid."""
+    """A texture (H, W, D) as grey levels, uint8: each channel at mean 0 and variance 1, through a sigmoid."""
     flat = texture.reshape(-1, texture.shape[-1]).astype(np.float64)
     deviation = flat.std(0)
     deviation[deviation <= 1e-6 * abs(flat).max(0)] = np.inf  # a channel that is constant, but for rounding, is grey
