@@ -263,7 +263,7 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
     measured = untouched[places.astype(int)]
     scale = exposure(scorer.btf)
     errors = [_slice_error(scorer.btf, int(pair), material, scale) for pair in measured]
-    return as_number(psnr(float(np.mean(errors)), peak=1.0))
+    return as_number(float(psnr(float(np.mean(errors)), peak=1.0)))
 
 
 def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:

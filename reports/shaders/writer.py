@@ -325,7 +325,13 @@ class Writer(Backend):
 
 
 def literal(value: float) -> str:
-    """A float32 as the shortest text that is a float in every dialect: "0.5", "1.0", "1.0e-05"."""
+    """A float32 as the shortest text that is a float in every dialect: "0.5", "1.0", "1.0e-05".
+
+    `InputError` for infinity and NaN, for which no dialect has a text.
+    """
+    single = np.float32(value)
+    if not np.isfinite(single):
+        raise InputError(f"no shader can hold the number {single}")
     if value == 0 or 1e-4 <= abs(value) < 1e7:
-        return np.format_float_positional(np.float32(value), trim="0")
-    return np.format_float_scientific(np.float32(value), trim="0")
+        return np.format_float_positional(single, trim="0")
+    return np.format_float_scientific(single, trim="0")

@@ -112,7 +112,8 @@ def drawn(
     material: Material, cells: int, views: int, lights: int, rng: np.random.Generator
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Queries (n,) over all cells, n = cells² · views · lights: for each its cell (n,), and wo and wi (n, 3), uniform
-    over the hemisphere; and the answers' means over RGB (cells² · views, lights)."""
+    over the hemisphere up to `LOWEST_VIEW` and `LOWEST_LIGHT`; and the answers, means of RGB (cells² · views, lights).
+    """
     cell = torch.arange(cells * cells).repeat_interleave(views)
     place = torch.from_numpy(rng.random((len(cell), 2), np.float32))
     uv = torch.stack([(cell % cells + place[:, 0]) / cells, 1 - (cell // cells + place[:, 1]) / cells], 1)

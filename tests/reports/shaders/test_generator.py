@@ -23,7 +23,7 @@ from reports import artefacts
 from reports.shaders.dialects import DIALECTS, GLSL, SLANG
 from reports.shaders.export import LAYERS_TOLERANCE, TOLERANCE, Vectors, export
 from reports.shaders.generator import shader
-from reports.shaders.writer import Tables
+from reports.shaders.writer import Tables, literal
 from reports.viewer.page import Shown, model_data, pack
 from tests.baselines.surfaces import bumps
 from tests.reports.shaders import slang
@@ -120,6 +120,12 @@ def test_what_no_shader_can_do_is_named(tmp_path: Path) -> None:
         program_of(Branching())
     with pytest.raises(InputError, match="'cumsum'"):
         shader(stored(Sorting(), tmp_path), GLSL)
+
+
+@pytest.mark.parametrize("number", [np.inf, -np.inf, np.nan])
+def test_a_number_without_a_text_is_refused(number: float) -> None:
+    with pytest.raises(InputError, match=f"no shader can hold the number {number}"):
+        literal(number)
 
 
 def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:
