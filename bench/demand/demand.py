@@ -89,7 +89,7 @@ class Demand:
         return Demand(**columns, frames=self.frames, provenance=self.provenance)
 
     def save(self, path: Path) -> None:
-        """Write an `.npz` file, completely or not at all."""
+        """Write an `.npz` file, completely or not at all. Directions are rounded to 16 bits a component."""
         text = json.dumps({"format": FORMAT, "frames": self.frames, "provenance": self.provenance}, sort_keys=True)
         stored = {name: getattr(self, name) for name in NAMES}
         for name in ("wo", "wi"):

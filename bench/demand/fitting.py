@@ -135,7 +135,7 @@ class SearchResult:
 
     full: Model
     scene: Model | None
-    why: str  # why there is no scene model, or why it is smaller than the full one
+    why: str  # why there is no scene model, why it is smaller than the full one, or that it misses the goal
     met: bool  # whether the goal is reached
     fits: int
     seconds: float  # processor time of all fits except the full model's
@@ -168,19 +168,22 @@ class Search:
         goal = goal or Goal(psnr=_psnr_or_infinite(full) - EQUAL_DB)
         models = list(self.ladder(goal))
         seconds = sum(model.seconds for model in models)
-        meeting = [model for model in models if goal.met(model)]  # those that reach the goal
-        best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
+        scene, why = self._best_of(models, full, goal)
+        return SearchResult(full, scene, why, goal.met(scene or full), len(models), seconds)
+
+    def _best_of(self, models: list[Model], full: Model, goal: Goal) -> tuple[Model | None, str]:
+        """The scene model to use, None if the full one is the better choice, and why; see `SearchResult`."""
         full_meets = goal.met(full)
-        if best is None:
-            finest = max(models, key=_psnr_or_infinite)
-            # If the full model misses the goal, too, the better of the two is chosen.
-            scene = None
-            if not full_meets and _psnr_or_infinite(finest) > _psnr_or_infinite(full):
-                scene = finest
-            return SearchResult(full, scene, "no model of the scene is as good", full_meets, len(models), seconds)
-        if full_meets and best.header.file_bytes >= full.header.file_bytes:
-            return SearchResult(full, None, "the scene needs everything", True, len(models), seconds)
-        return SearchResult(full, best, what_is_needed(self.problem.needed, self.btf), True, len(models), seconds)
+        meeting = [model for model in models if goal.met(model)]
+        if meeting:
+            smallest = min(meeting, key=lambda model: model.header.file_bytes)
+            if full_meets and smallest.header.file_bytes >= full.header.file_bytes:
+                return None, "the scene needs everything"
+            return smallest, what_is_needed(self.problem.needed, self.btf)
+        # If the full model misses the goal, too, the better of the two is chosen.
+        finest = max(models, key=_psnr_or_infinite)
+        is_better = not full_meets and _psnr_or_infinite(finest) > _psnr_or_infinite(full)
+        return finest if is_better else None, "no model of the scene is as good"
 
     def ladder(self, goal: Goal) -> Iterator[Model]:
         """Fit models of the scene, and yield each.
