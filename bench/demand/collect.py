@@ -26,7 +26,7 @@ SPARE = 0.97  # share of the limit to aim at, because the first picture is coars
 class Points:
     """Visible points of the surface, float64; `ahead_x`, `ahead_y` point from the camera through the next pixels."""
 
-    pixel: Array  # (n,) index into the frames, row by row
+    pixel: Array  # (n,) the number of the ray that met each point
     uv: Array  # (n, 2) of the surface, not wrapped: a unit is the longer side of the texture
     position: Array  # (n, 3)
     normal: Array  # (n, 3) unit
@@ -97,16 +97,17 @@ def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
     """The queries of some points under some lights, as the columns of `Demand`: one for each point and light, without
     those whose view or light is at or below the horizon, and unlit ones."""
     parts: list[dict[str, Array]] = []
+    wo, footprint = points.wo, points.footprint
     for light in lights:
         wi = points.local(light.toward)
         # The normal is z, so a direction is above the horizon where its z is above 0.
-        is_seen_and_lit = (points.wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
+        is_seen_and_lit = (wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
         chosen = np.flatnonzero(is_seen_and_lit)
         parts.append(
             {
                 "place": points.uv[chosen],
-                "footprint": points.footprint[chosen],
-                "wo": points.wo[chosen],
+                "footprint": footprint[chosen],
+                "wo": wo[chosen],
                 "wi": wi[chosen],
                 "weight": light.irradiance[chosen],
                 "pixel": points.pixel[chosen],
@@ -127,9 +128,13 @@ class Caster(Protocol):
     picture: tuple[int, int]  # height and width in pixels
     samples: int  # samples of the lights at each point
 
-    def cast(self, frame: int, col: Array, row: Array) -> Points: ...  # through points (n,), in pixels
+    def cast(self, frame: int, col: Array, row: Array) -> Points:
+        """The points that the rays of a frame meet, through places (n,) of its picture, in pixels."""
+        ...
 
-    def lights(self, points: Points, rng: np.random.Generator) -> list[Light]: ...
+    def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
+        """The light that reaches the points: of each light, or of each of its samples, which add up to the light."""
+        ...
 
 
 def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -> Demand:

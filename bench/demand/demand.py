@@ -61,7 +61,7 @@ class Demand:
         return np.mod(self.place * np.array(periods(size)), 1.0).astype(np.float32)
 
     def queries(self, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """uv, ω_o, ω_i and footprint, as inputs of a material with a texture of `size` (H, W)."""
+        """uv (n, 2), ω_o and ω_i (n, 3) and footprint (n,), as inputs of a material with a texture of `size` (H, W)."""
         return self.uv(size), self.wo, self.wi, self.footprint
 
     @property
@@ -89,7 +89,7 @@ class Demand:
         return Demand(**columns, frames=self.frames, provenance=self.provenance)
 
     def save(self, path: Path) -> None:
-        """Write an `.npz` file, completely or not at all."""
+        """Write an `.npz` file, completely or not at all. Directions are rounded to 16 bits a component."""
         text = json.dumps({"format": FORMAT, "frames": self.frames, "provenance": self.provenance}, sort_keys=True)
         stored = {name: getattr(self, name) for name in NAMES}
         for name in ("wo", "wi"):
@@ -141,7 +141,7 @@ def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, A
 
 
 def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
-    """Check that each column of a demand exists, with its type and shape, and values that a scene can make."""
+    """Raise `InputError` unless each column of a demand exists, of its type and shape, with possible values."""
     for name in COLUMNS:
         if name not in arrays:
             raise InputError(f"no array {name!r}")

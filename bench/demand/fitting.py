@@ -28,6 +28,7 @@ from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer
 from bench.demand.needed_part import NeededPart, pair_weights, shares_from_weights, shares_of_others
 from bench.directions.interpolation import cosines
 from bench.material import Material
+from bench.metrics.angular import as_number
 from bench.metrics.display import display_error, exposure
 from bench.metrics.psnr import psnr
 from bench.records import MOST_DB, SceneModel
@@ -134,7 +135,7 @@ class SearchResult:
 
     full: Model
     scene: Model | None
-    why: str  # why there is no scene model, or why it is smaller than the full one
+    why: str  # why there is no scene model, why it is smaller than the full one, or that it misses the goal
     met: bool  # whether the goal is reached
     fits: int
     seconds: float  # processor time of all fits except the full model's
@@ -167,35 +168,37 @@ class Search:
         goal = goal or Goal(psnr=_psnr_or_infinite(full) - EQUAL_DB)
         models = list(self.ladder(goal))
         seconds = sum(model.seconds for model in models)
-        meeting = [model for model in models if goal.met(model)]  # those that reach the goal
-        best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
-        full_meets = goal.met(full)
-        if best is None:
-            finest = max(models, key=_psnr_or_infinite)
-            # If the full model misses the goal, too, the better of the two is chosen.
-            scene = None
-            if not full_meets and _psnr_or_infinite(finest) > _psnr_or_infinite(full):
-                scene = finest
-            return SearchResult(full, scene, "no model of the scene is as good", full_meets, len(models), seconds)
-        if full_meets and best.header.file_bytes >= full.header.file_bytes:
-            return SearchResult(full, None, "the scene needs everything", True, len(models), seconds)
-        return SearchResult(full, best, what_is_needed(self.problem.needed, self.btf), True, len(models), seconds)
+        scene, why = self._best_of(models, full, goal)
+        return SearchResult(full, scene, why, goal.met(scene or full), len(models), seconds)
 
-    def ladder(self, goal: Goal, scene: bool = True) -> Iterator[Model]:
-        """Fit models of the scene, or of the whole BTF, and yield each.
+    def _best_of(self, models: list[Model], full: Model, goal: Goal) -> tuple[Model | None, str]:
+        """The scene model to use, None if the full one is the better choice, and why; see `SearchResult`."""
+        full_meets = goal.met(full)
+        meeting = [model for model in models if goal.met(model)]
+        if meeting:
+            smallest = min(meeting, key=lambda model: model.header.file_bytes)
+            if full_meets and smallest.header.file_bytes >= full.header.file_bytes:
+                return None, "the scene needs everything"
+            return smallest, what_is_needed(self.problem.needed, self.btf)
+        # If the full model misses the goal, too, the better of the two is chosen.
+        finest = max(models, key=_psnr_or_infinite)
+        is_better = not full_meets and _psnr_or_infinite(finest) > _psnr_or_infinite(full)
+        return finest if is_better else None, "no model of the scene is as good"
+
+    def ladder(self, goal: Goal) -> Iterator[Model]:
+        """Fit models of the scene, and yield each.
 
         Quality rises with size, so the smallest size that meets the goal is found by bisection. If the largest misses
         the goal, it is the only one.
         """
         low, high = 1, steps_of(self.codec)  # the smallest size that meets the goal lies between, both included
-        name = "scene" if scene else "whole"
-        largest = self.model(sized(self.codec, high, scene), f"{name}{high}")
+        largest = self.model(sized(self.codec, high), f"scene{high}")
         yield largest
         if not goal.met(largest):
             return
         while low < high:
             middle = (low + high) // 2
-            model = self.model(sized(self.codec, middle, scene), f"{name}{middle}")
+            model = self.model(sized(self.codec, middle), f"scene{middle}")
             yield model
             if goal.met(model):
                 high = middle
@@ -230,7 +233,7 @@ def steps_of(codec: Codec) -> int:
 
 
 def sized(codec: Codec, step: int, scene: bool = True) -> Codec:
-    """The codec, fitted to a scene or not, with its leading size at `step` and the others in proportion."""
+    """The codec, to be fitted to a scene or not, with its leading size at `step` and the others in proportion."""
     share = step / steps_of(codec)
     sizes = {}
     for name in codec.sizes:
@@ -254,20 +257,16 @@ def what_is_needed(needed: NeededPart, btf: BTF) -> str:
 
 
 def outside(scorer: FrameScorer, material: Material) -> float | None:
-    """Display PSNR in dB of slices at pairs that the scene does not use, against the BTF; None if it uses all. Measured
-    at `OUTSIDE_PAIRS` pairs, evenly among them."""
+    """Display PSNR in dB, pooled, of slices at pairs that the scene does not use, against the BTF; None if it uses all,
+    or without error. Measured at `OUTSIDE_PAIRS` pairs, evenly among them."""
     untouched = np.flatnonzero(scorer.shares == 0)
     if not len(untouched):
         return None
     places = np.linspace(0, len(untouched) - 1, min(OUTSIDE_PAIRS, len(untouched)))
     measured = untouched[places.astype(int)]
-    btf = scorer.btf
-    scale = exposure(btf)
-    errors = []
-    for pair in measured:
-        decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
-        errors.append(display_error(btf[int(pair)], decoded, scale))
-    return float(psnr(float(np.mean(errors)), peak=1.0))
+    scale = exposure(scorer.btf)
+    errors = [_slice_error(scorer.btf, int(pair), material, scale) for pair in measured]
+    return as_number(float(psnr(float(np.mean(errors)), peak=1.0)))
 
 
 def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
@@ -280,10 +279,15 @@ def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
     scale = exposure(scorer.btf)
     values = []
     for pair in used:
-        decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
-        error = display_error(btf[int(pair)], decoded, scale)
+        error = _slice_error(btf, int(pair), material, scale)
         values.append(min(MOST_DB, float(psnr(error, peak=1.0))))
     return float(np.average(values, weights=shares[used]))
+
+
+def _slice_error(btf: BTF, pair: int, material: Material, scale: float) -> float:
+    """The display error of a material's slice at one pair of a BTF, at the exposure `scale`."""
+    decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
+    return display_error(btf[pair], decoded, scale)
 
 
 def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> list[SceneModel]:

@@ -1,8 +1,7 @@
 """Finds the part of a BTF that a demand needs: a window of texels, no finer than visible, and the nearby pairs.
 
-The importance of a query is its share of the weight of all. Pairs are those that the BTF has measured.
-
-Finds the pairs around each query of a demand, too, and the share of the demand on each pair.
+Finds the pairs around each query of a demand, too, and the share of the demand on each pair. Pairs are those of the
+BTF. A query's share of the demand is its `Demand.importance`.
 """
 
 import math
@@ -59,10 +58,17 @@ class NeededPart:
     def facts(self, demand: Demand) -> dict[str, Any]:
         """The facts that a codec file records."""
         window = self.window
-        facts: dict[str, Any] = {"name": demand.name, "demand": demand.fingerprint, "size": list(window.size)}
-        facts |= {"window": [window.top, window.left, window.height, window.width], "factor": window.factor}
-        facts |= {"pairs": len(self.pairs), "finest": self.finest}
-        return facts | {"views": to_hex(self.views), "lights": to_hex(self.lights)}
+        return {
+            "name": demand.name,
+            "demand": demand.fingerprint,
+            "size": list(window.size),
+            "window": [window.top, window.left, window.height, window.width],
+            "factor": window.factor,
+            "pairs": len(self.pairs),
+            "finest": self.finest,
+            "views": to_hex(self.views),
+            "lights": to_hex(self.lights),
+        }
 
 
 def needed_pairs(layout: Layout, demand: Demand) -> Array:
@@ -195,7 +201,7 @@ def shares_of_others(layout: Layout, demand: Demand, wo: Array, wi: Array) -> Ar
 
 
 def shares_from_weights(weights: Weights, importance: Array, count: int) -> Array:
-    """The share (count,) of the demand on each of `count` pairs: each query of `importance` (n,) gives to the pairs
-    around it by their weights (n, k)."""
+    """The share (count,) of the demand on each of `count` pairs: each query divides its `importance` (n,) among the
+    pairs around it by their weights (n, k)."""
     weight = weights.weight.numpy() * importance[:, None]
     return np.bincount(weights.sample.numpy().ravel(), weight.ravel(), count)

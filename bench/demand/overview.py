@@ -85,7 +85,7 @@ def _coverage(demand: Demand) -> Array:
     centre. There are `COVERAGE` cells a side, or fewer if the sample is too small to fill them."""
     uv = demand.uv((1, 1))  # of any square texture
     col, row = uv[:, 0], 1 - uv[:, 1]
-    # A query a light is made at each visible point; a few points leave cells empty that the scene shows.
+    # A pixel is a visible point, with a query for each light. Few points would leave cells empty that the scene shows.
     points = len(np.unique(demand.pixel))
     side = min(COVERAGE, max(1, math.isqrt(points // POINTS_A_CELL)))
     return np.histogram2d(row, col, side, [[0, 1], [0, 1]], weights=demand.importance)[0]
@@ -100,7 +100,7 @@ def draw(demand: Demand, path: Path) -> None:
     diffuse = demand.wi[:, 2:] * ALBEDO / np.pi  # (n, 1): a diffuser's f_r is albedo / π, times the cosine
     picture = demand.pictures(np.repeat(diffuse, 3, 1))[0]
     grid["frame"].imshow(to_display(picture, exposure_of(picture[None])))
-    grid["frame"].set_title(f"{demand.provenance.get('scene', '')}: the first frame, on a white diffuser")
+    grid["frame"].set_title(f"{demand.name}: the first frame, on a white diffuser")
     grid["frame"].axis("off")
     for name, title in (("wo", "views"), ("wi", "lights")):
         _polar(grid[name], getattr(demand, name), demand.importance, title)

@@ -67,7 +67,7 @@ class Camera:
             raise InputError("target - position and up must not be parallel, and neither may be 0")
 
     def ahead(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Unit directions (n, 3) through points of the picture, in pixels from its top left corner."""
+        """Unit directions (n, 3) through points of the picture, `column` and `row` (n,) in pixels from its top left."""
         forward = unit(np.subtract(self.target, self.position))
         # Two unit axes of the picture, which is at distance 1.
         right = unit(np.cross(forward, self.up))
@@ -179,7 +179,7 @@ class Scene:
         samples = sum(light.samples * (1 + len(light.lamps)) for light in self.lights)
         if samples * len(self.cameras) > MOST:
             asked = f"{len(self.cameras):,} frames of {samples:,} samples of lights"
-            raise InputError(f"{asked}: the limit is {MOST:,} in all")
+            raise InputError(f"lights: {asked}: the limit is {MOST:,} in all: give fewer samples, lamps or frames")
 
 
 def shipped() -> dict[str, str]:
@@ -207,7 +207,7 @@ def read_scene(path: Path) -> Scene:
 
 
 def parse_scene(name: str, text: str) -> Scene:
-    """The scene of a TOML text."""
+    """The scene of a TOML text. `InputError` names the wrong key."""
     content = parse_toml("scene", text)
     for key in ("camera", "lights"):
         if not content.get(key):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 RAYS = 65_536  # rays cast at once
 SUFFIXES = (".png", ".exr")
-CAPTION = 34  # pixels below a PNG, for two lines of text
+CAPTION = 34  # pixels below a PNG, for two lines of text of up to 2/5 of it each
 SMALLEST = 8  # of the text, in pixels; a caption that would need a smaller one is left out
 GREY = (128, 128, 128, 255)  # of captions: read on a light page and on a dark one
 
@@ -53,7 +53,8 @@ def lamps(kind: str) -> tuple[LightSource, ...]:
 
 
 def changed(scene: Scene, lights: str | None, tiling: float, width: int | None) -> Scene:
-    """A scene with other lights, its texture repeated `tiling` times as often, and pictures `width` pixels wide."""
+    """A scene with the `lamps` of the kind `lights`, its texture repeated `tiling` times as often, and pictures `width`
+    pixels wide, of the same proportions. With None it keeps its own lights, or its width."""
     u, v = scene.surface.repeat
     surface = dataclasses.replace(scene.surface, repeat=(u * tiling, v * tiling))
     cameras = []
@@ -102,9 +103,10 @@ def render(
         queries: dict[str, Any] = queries_of(points, caster.lights(points, rng))
         queries["pixel"] = pixel[queries["pixel"]].astype(np.int32)  # so far it was the number of the ray
         demand = Demand(**queries, frames=(1, height, width))
+        if not len(demand):  # nothing in this band is lit
+            continue
         for side, answers in enumerate(sides):
-            if len(demand):
-                pictures[side, :, :3] += demand.pictures(answers(demand)).reshape(-1, 3) / rays**2
+            pictures[side, :, :3] += demand.pictures(answers(demand)).reshape(-1, 3) / rays**2
     show("rendering", height, height)
     if not pictures[..., 3].any():
         raise InputError(f"{scene.name}: no ray of the camera meets the surface: move the camera or the surface")
@@ -112,9 +114,19 @@ def render(
 
 
 def exposure_for(picture: Array) -> float:
-    """The exposure of a picture (H, W, 4), from only the pixels that show nothing but the surface."""
+    """The exposure of a picture (H, W, 4), from only the pixels that show nothing but the surface.
+
+    `InputError` if there is none.
+    """
+    return exposure_of(picture[_covered(picture)][None, :, :3])
+
+
+def _covered(picture: Array) -> Array:
+    """Mask (H, W) of the pixels of a picture (H, W, 4) that show nothing but the surface. `InputError` if none does."""
     covered = picture[..., 3] > 0.999  # an alpha of 1, up to rounding
-    return exposure_of(picture[covered][None, :, :3])
+    if not covered.any():
+        raise InputError("no pixel shows nothing but the surface: move the camera nearer, or make the picture larger")
+    return np.asarray(covered)
 
 
 def write(path: Path, picture: Array, exposure: float, captions: Sequence[str] = ()) -> None:
@@ -129,10 +141,11 @@ def write(path: Path, picture: Array, exposure: float, captions: Sequence[str] =
             _write_png(partial, picture, exposure, captions)
 
 
-def psnr_in_frame(picture: Array, truth: Array, exposure: float) -> float:
-    """The display PSNR in dB of a picture (H, W, 4), over the pixels that show nothing but the surface."""
-    covered = truth[..., 3] > 0.999
-    return float(psnr(display_error(picture[covered][:, :3], truth[covered][:, :3], exposure)))
+def psnr_in_frame(picture: Array, reference: Array, exposure: float) -> float:
+    """The display PSNR in dB of a picture against a reference, both (H, W, 4), over the reference's pixels that show
+    nothing but the surface; ∞ if they are equal there. `InputError` if there is no such pixel."""
+    covered = _covered(reference)
+    return float(psnr(display_error(picture[covered][:, :3], reference[covered][:, :3], exposure)))
 
 
 def check_ending(path: Path) -> None:

@@ -24,7 +24,7 @@ Operation = Callable[..., Any]  # (back end, step, *arguments) → the scalars o
 
 @dataclass(frozen=True)
 class Value:
-    """One tensor of the program: numbers, of a constant, or scalars; and its kind."""
+    """One tensor of the program: an array of numbers if it is a constant, else of scalars; and its kind."""
 
     items: Array
     kind: str  # "float", "int" or "bool"
@@ -73,7 +73,7 @@ class Backend(ABC):
 
     @abstractmethod
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
-        """One row of a constant (rows, channels)."""
+        """Row `index` of a constant (rows, channels) of `kind`, as a scalar for each channel."""
 
     @abstractmethod
     def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[Scalar]:
@@ -103,7 +103,7 @@ class Backend(ABC):
             arguments = [_resolved(each, values) for each in step.arguments]
             items = self.operations[step.operation](self, step, *arguments)
             values[step.name] = Value(as_array(items).reshape(step.shape), step.kind)
-        return list(values[program.result].items.reshape(-1))
+        return listed(values[program.result].items)
 
 
 def _resolved(argument: Any, values: dict[str, Value]) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.program import INPUTS, Program
 from bench.program.backend import Array, Backend, Operation, Rows, Scalar, listed
-from bench.program.operations import OPERATIONS, looked_up
+from bench.program.operations import KINDS, OPERATIONS, looked_up
 
 # The most products that a kernel has in line. 36,000 of them in line take minutes to compile; as functions of `BLOCK`
 # outputs each they take 4 s, as one function for each layer 13 s. If weights were read from memory instead, a sample of
@@ -101,8 +101,7 @@ class Kernel(Backend):
     def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
         """As `Backend.as_kind`: a number of Python stays one; as a number, a mask is 1 or 0."""
         if isinstance(scalar, bool | int | float):
-            python_type = {"float": float, "int": int, "bool": bool}[kind]
-            return python_type(scalar)
+            return KINDS[kind](scalar)
         if kind == "bool":
             return scalar if dr.is_mask_v(scalar) else scalar != 0
         array = self.kind.Float if kind == "float" else self.kind.Int
@@ -116,7 +115,7 @@ class Kernel(Backend):
         return dr.select(condition, yes, no)
 
     def total(self, row: list[Scalar], formula: str) -> Scalar:
-        return _function(formula, 1)(reduce(operator.add, row))
+        return _function(formula, 1)(reduce(operator.add, row) if row else 0.0)
 
     def lengths(self, items: Array, rows: Callable[[Array], Rows]) -> list[Scalar]:
         return [dr.sqrt(_dot(row, row)) for row in rows(items)]

@@ -1,9 +1,8 @@
 """Tests whether Dr.Jit works with the LLVM of this machine, by a trial in a process of its own.
 
 Dr.Jit ends its process at an operation that LLVM cannot compile: on x86, LLVM 16 and older cannot compile its maximum,
-minimum and arctangent. The suite's own kernels use none of these, but the plug-ins of Mitsuba in a scene do. The
-failures depend on Dr.Jit, LLVM and the processor, so each version is tested. The trial has an empty
-kernel cache: Dr.Jit names a kernel by the processor alone, and would load one that another LLVM compiled.
+minimum and arctangent. The kernels of networks and of the path tracer use none of these, but recorded programs and the
+plug-ins of Mitsuba do. The failures depend on Dr.Jit, LLVM and the processor, so each version is tested.
 """
 
 import os
@@ -51,7 +50,7 @@ for name, trial in trials.items():
 
 
 def drjit() -> ModuleType:
-    """Dr.Jit with an LLVM that compiles the suite's kernels. `InputError` says what to install."""
+    """Dr.Jit with an LLVM that compiles kernels of networks. `InputError` says what to install."""
     with installed("fused on the CPU needs Dr.Jit: pip install neubtf-bench[mitsuba]"):
         import drjit as dr
     reason = unusable()
@@ -61,8 +60,11 @@ def drjit() -> ModuleType:
 
 
 def unusable(plugins: bool = False) -> str:
-    """Why Dr.Jit cannot use this machine's LLVM for the suite's kernels or, with `plugins`, for Mitsuba's plug-ins too,
-    and the remedy; "" if it can. Dr.Jit must be installed. The trial takes about a second, once in a process."""
+    """Why Dr.Jit cannot use this machine's LLVM for kernels of networks and of the path tracer or, with `plugins`, for
+    recorded programs and Mitsuba's plug-ins too, and the remedy; "" if it can. Dr.Jit must be installed.
+
+    The trial takes about a second, once in a process.
+    """
     version, passed, end = _trial_results(os.environ.get(CHOICE, ""))
     if not version:
         return f"Dr.Jit finds no usable LLVM ({end}): {REMEDY}"
@@ -81,7 +83,7 @@ def _trial_results(choice: str) -> tuple[str, tuple[str, ...], str]:
     each.
     """
     try:
-        # Dr.Jit caches kernels, and would load those that another LLVM compiled for the same processor.
+        # An empty cache: Dr.Jit names kernels by the processor alone, and would load those that another LLVM compiled.
         with TemporaryDirectory() as empty:
             done = subprocess.run(
                 [sys.executable, "-c", _TRIAL], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LIMIT,

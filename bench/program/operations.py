@@ -171,6 +171,9 @@ def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = N
     return source.items
 
 
+OPERATIONS["clamp_max"] = lambda m, step, source, high: _clamp(m, step, source, None, high)
+
+
 @operation("pow")
 def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
     """Powers; square roots and small whole powers without `pow`, which GLSL does not define for a negative base."""
@@ -201,8 +204,6 @@ def _converted(m: Backend, step: Step, source: Value) -> Any:
         return source.items
     return [m.convert(x, source.kind, step.kind) for x in listed(source.items)]
 
-
-OPERATIONS["clamp_max"] = lambda m, step, source, high: _clamp(m, step, source, None, high)
 
 # Operations that only move numbers.
 
@@ -259,7 +260,8 @@ def _rows(items: Array, axes: Any) -> Rows:
     reduced = [axis % items.ndim for axis in axes]  # negative ones count from the end
     kept = [axis for axis in range(items.ndim) if axis not in reduced]
     count = math.prod(items.shape[axis] for axis in reduced)
-    rows = items.transpose(*kept, *reduced).reshape(-1, count)
+    results = math.prod(items.shape[axis] for axis in kept)  # not -1, which is unknown if there are no summands
+    rows = items.transpose(*kept, *reduced).reshape(results, count)
     return [listed(row) for row in rows]
 
 

@@ -26,8 +26,8 @@ from bench.inputs.errors import InputError
 from bench.material import Material
 from bench.program import INPUTS, Program, Step
 
-MOST_RANKED = 256  # numbers of which a program finds the first few: 54 statements of a shader each, for nine
-# Operations that only assert a property of their argument.
+MOST_RANKED = 256  # the most numbers that a program ranks: to find nine, a shader takes 54 statements for each of them
+# Operations that return the values of their argument unchanged.
 SAME = ("alias", "detach", "clone", "contiguous", "lift_fresh_copy")
 
 _RECORDING = threading.Lock()  # PyTorch's state while recording is global, so two recordings would disturb each other
@@ -245,6 +245,8 @@ class _Recorder:
     def program(self, result: str, size: tuple[int, int]) -> Program:
         """The program, reduced to the steps and constants that the result needs."""
         last = self.values[result]
+        if isinstance(last, Tensor):  # the answer depends on no input
+            last = self._keep(last)
         needed = {last}
         # From the last step back, so that everything that needs a step is seen before the step itself.
         steps: list[Step] = []

@@ -58,9 +58,11 @@ class CooperativeWriter(Writer):
 
     def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[str]:
         """As `Writer.each`; activations of a layer stay on its cooperative vector."""
-        texts = [self._vector_of(argument) or self._same(argument) for argument in arguments]
-        of_layer = any(self._vector_of(argument) for argument in arguments)
-        if formula in ACTIVATIONS and of_layer and all(texts):
+        vectors = [self._vector_of(argument) for argument in arguments]
+        texts = [vector or self._same(argument) for vector, argument in zip(vectors, arguments, strict=True)]
+        # The range of halves may not hold the product of two layers.
+        is_product_of_layers = formula == FORMULAS["mul"] and all(vectors)
+        if formula in ACTIVATIONS and any(vectors) and all(texts) and not is_product_of_layers:
             return self._elements(len(arguments[0]), formula.format(*texts))
         return super().each(formula, arguments, from_kind, kind)
 
@@ -98,8 +100,8 @@ class CooperativeWriter(Writer):
         return name if list(scalars) == elements else None
 
     def _same(self, scalars: list[Scalar]) -> str | None:
-        """A cooperative vector of one number many times; None if these are no numbers, or not equal, or large: the
-        range of halves may not hold its product."""
-        if not all(is_number(x) and x == scalars[0] and abs(x) <= 1 for x in scalars):
+        """A cooperative vector of one number many times; None if these are no numbers, or not equal, or above 1: the
+        range of halves may not hold its product. None for no scalars, too."""
+        if not scalars or not all(is_number(x) and x == scalars[0] and abs(x) <= 1 for x in scalars):
             return None
         return f"CoopVec<half, {len(scalars)}>(half({literal(float(scalars[0]))}))"

@@ -87,7 +87,7 @@ float4 halfRow(int i) {{ return halfTable.Load(int3(i % {width}, i / {width}, 0)
     + _EXACT_ONE % "float4",
     uniforms="cbuffer Weights : register(b0) {{ float4 weights[{count}]; }}\n",
     signature="float3 material(float2 uv, float3 wo, float3 wi, float footprint)",
-    calls={"inversesqrt": "rsqrt", "fract": "frac"},
+    calls={"inversesqrt": "rsqrt"},
 )
 
 WGSL = Dialect(

@@ -53,6 +53,7 @@ class Tables:
         in_floats = needs_floats or table.size < HALF_FROM or np.abs(table).max() > HALF_MOST
         blocks = self.exact if in_floats else self.half
         texels_of_row = math.ceil(channels / 4)
+        table = table.astype(np.float32)  # before the hash: whole numbers may have the bytes of other floats
         key = (hashlib.sha256(table.tobytes()).digest(), table.shape, in_floats)
         if key not in self._placed:
             texels_so_far = sum(map(len, blocks))
@@ -312,10 +313,9 @@ class Writer(Backend):
     def _in_a_loop(self, weights: Array, packs: list[str], starts: list[str]) -> list[str]:
         """As `_line_by_line`, as two loops over weights in the texture: slower, but the text stays short."""
         # Row by row of blocks: the four columns of block (j, i) are rows 4 · (j · inputs + i) and on of the table.
-        blocks = (
-            weights.reshape(len(starts), 4, len(packs), 4).transpose(0, 2, 3, 1).reshape(-1, 4)
-        )  # rows of 4 outputs
-        reader, first, _ = self.tables.place(np.ascontiguousarray(blocks), exact=True)
+        blocks = weights.reshape(len(starts), 4, len(packs), 4).transpose(0, 2, 3, 1)
+        columns_in_order = np.ascontiguousarray(blocks).reshape(-1, 4)  # of 4 outputs each
+        reader, first, _ = self.tables.place(columns_in_order, exact=True)
         self.count += 1
         name = f"t{self.count}"  # of no constant: two arrays, NAMEin and NAMEout, are named after it
         columns = ", ".join([f"{reader}(row)", *(f"{reader}(row + {k})" for k in range(1, 4))])
@@ -325,7 +325,13 @@ class Writer(Backend):
 
 
 def literal(value: float) -> str:
-    """A float32 as the shortest text that is a float in every dialect: "0.5", "1.0", "1.0e-05"."""
+    """A float32 as the shortest text that is a float in every dialect: "0.5", "1.0", "1.0e-05".
+
+    `InputError` for infinity and NaN, for which no dialect has a text.
+    """
+    single = np.float32(value)
+    if not np.isfinite(single):
+        raise InputError(f"no shader can hold the number {single}")
     if value == 0 or 1e-4 <= abs(value) < 1e7:
-        return np.format_float_positional(np.float32(value), trim="0")
-    return np.format_float_scientific(np.float32(value), trim="0")
+        return np.format_float_positional(single, trim="0")
+    return np.format_float_scientific(single, trim="0")

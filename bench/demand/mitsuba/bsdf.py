@@ -154,7 +154,7 @@ class _Answers:
         arrays = import_module("drjit.cuda.ad" if str(mi.variant()).startswith("cuda") else "drjit.llvm.ad")
         self.answer = Kernel(program_of(file.material), arrays)
         _, parts = read_parts(self.file)
-        self.draw_from(checked(parts.sampling))
+        self.draw_from(checked(self.file, parts.sampling))
 
     def draw_from(self, lobes: Tensor | None) -> None:
         """Draw directions from lobes (cells, cells, 5) instead of the file's, or by the cosine for None."""

@@ -8,6 +8,7 @@ lobes change no answer; they only reduce the noise of a renderer that draws from
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -19,7 +20,7 @@ from bench.inputs.errors import ContainerError
 from bench.material import Material
 
 NAME = "lobes"  # name of the tensor (cells, cells, 5) in the part `sampling`
-CELLS, STEPS, RATE = 8, 150, 0.05
+CELLS, STEPS, RATE = 8, 150, 0.05  # of a fit: cells along each side of the texture, steps, learning rate
 VIEWS, LIGHTS = 4, 64  # views, and lights of each view, for each cell in a step
 CHECKED = 512  # lights of each view that decide whether a cell keeps its lobe
 OFF = -20.0  # raw share of a lobe that is switched off
@@ -31,7 +32,7 @@ START = (0.0, -1.0, -1.0, 0.0, 0.0)  # equal shares, roughness 0.29, no tilt
 
 @dataclass(frozen=True)
 class Lobe:
-    """The lobe of each query: share of the lobe, roughness along and across, and its axes (n, 3)."""
+    """The lobe of each query: its share of the mixture, roughness along and across (n,), and its axes (n, 3)."""
 
     share: Tensor
     along: Tensor
@@ -111,7 +112,8 @@ def drawn(
     material: Material, cells: int, views: int, lights: int, rng: np.random.Generator
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Queries (n,) over all cells, n = cells² · views · lights: for each its cell (n,), and wo and wi (n, 3), uniform
-    over the hemisphere; and the answers' means over RGB (cells² · views, lights)."""
+    over the hemisphere up to `LOWEST_VIEW` and `LOWEST_LIGHT`; and the answers, means of RGB (cells² · views, lights).
+    """
     cell = torch.arange(cells * cells).repeat_interleave(views)
     place = torch.from_numpy(rng.random((len(cell), 2), np.float32))
     uv = torch.stack([(cell % cells + place[:, 0]) / cells, 1 - (cell // cells + place[:, 1]) / cells], 1)
@@ -124,13 +126,15 @@ def drawn(
     return cell, wo, wi, material.query(uv, wo, wi).mean(1).view(-1, lights)
 
 
-def checked(sampling: dict[str, Tensor]) -> Tensor | None:
-    """The lobes of a file's part `sampling`, float32; None without that part. `ContainerError` if they are invalid."""
+def checked(path: Path, sampling: dict[str, Tensor]) -> Tensor | None:
+    """The lobes (cells, cells, 5) float32 of the part `sampling` of the file `path`; None if it has none.
+    `ContainerError` if they are invalid."""
     if NAME not in sampling:
         return None
     lobes = sampling[NAME]
     if lobes.ndim != 3 or lobes.shape[0] != lobes.shape[1] or lobes.shape[2] != len(START) or not lobes.numel():
-        raise ContainerError(f"its lobes are {tuple(lobes.shape)}, not (cells, cells, {len(START)})")
+        fault = f"{path}: its lobes are {tuple(lobes.shape)}, not (cells, cells, {len(START)})"
+        raise ContainerError(f"{fault}: fit them again with `export --lobes`")
     return lobes.float()
 
 
@@ -145,7 +149,7 @@ class Noise:
 
 @torch.no_grad()
 def noise(material: Material, lobes: Tensor, seed: int = 1, lights: int = 1024) -> Noise:
-    """Measured by quadrature over directions that the fit did not see."""
+    """The noise of lobes (cells, cells, 5), by quadrature over `lights` directions of each view, none of the fit's."""
     cosine, mixed, albedo = _variances(material, lobes.reshape(-1, lobes.shape[2]), lights, np.random.default_rng(seed))
     ratios = mixed / cosine.clamp_min(1e-12)
     return Noise(float(mixed.sum() / cosine.sum()), float(ratios.median()), float(albedo.max()))

@@ -108,7 +108,7 @@ class Shading:
     diffuse: Values  # (1 − metalness) · base / π · (1 − F_d(o_n))
     f0: Values
     f90: Values
-    dielectric: Values  # the F90 of the dielectric's own reflection
+    dielectric_f90: Values  # of the dielectric's own reflection
     glossy: Values  # the share of directions drawn from the highlight
 
 
@@ -121,7 +121,7 @@ def shading(o: Values, base: Values, roughness: Values, metal: Values, specular:
     o = mi.Vector3f(o.x, o.y, at_least(1e-3, o.z))  # never quite grazing
     alpha = at_least(MIN_ALPHA, roughness * roughness)
     stretch = dr.sqrt(1 - 0.9 * anisotropy)
-    dielectric = (1 - metal) * specular
+    dielectric = (1 - metal) * specular  # the weight of the dielectric's reflection
     reflected = fresnel(DIELECTRIC_F0 * specular, specular, o.z)
     diffuse = base * ((1 - metal) * (1 - reflected) / dr.pi)
     f0, f90 = DIELECTRIC_F0 * dielectric + metal * base, dielectric + metal
@@ -137,7 +137,7 @@ def shading(o: Values, base: Values, roughness: Values, metal: Values, specular:
         diffuse=diffuse,
         f0=f0,
         f90=f90,
-        dielectric=specular,
+        dielectric_f90=specular,
         glossy=glossy,
     )
 
@@ -150,7 +150,7 @@ def reflect(here: Shading, i: Values) -> Values:
     h = (o + mi.Vector3f(i.x, i.y, i_n)) * (0.5 * dr.rsqrt(between))
     masking = i_n * _smith(here, o) + o.z * _smith(here, mi.Vector3f(i.x, i.y, i_n))
     highlight = i_n * 0.5 * _density(here, h) / at_least(1e-12, masking)
-    through = i_n * (1 - fresnel(DIELECTRIC_F0 * here.dielectric, here.dielectric, i_n))
+    through = i_n * (1 - fresnel(DIELECTRIC_F0 * here.dielectric_f90, here.dielectric_f90, i_n))
     return here.diffuse * through + fresnel(here.f0, mi.Color3f(here.f90), dr.sqrt(between)) * highlight
 
 

@@ -46,11 +46,11 @@ def _sample_angle(sensor: Any, samples: int | None) -> float:
 
 
 def replaced(scene: Path, bsdf: str, file: Path, repeat: float) -> str:
-    """The text of the scene with the BSDF of that id replaced. `InputError` if it has none."""
+    """The text of the scene with the BSDF of that id replaced. `InputError` if it has none, or is no readable XML."""
     try:
         root = ElementTree.parse(scene).getroot()
     except (OSError, ElementTree.ParseError) as error:
-        raise InputError(f"{scene}: cannot be read ({error})") from error
+        raise InputError(f"{scene}: cannot be read ({error}): give a Mitsuba scene, an XML file") from error
     bsdfs = {node.get("id", ""): node for node in root.iter("bsdf") if node.get("id")}
     if bsdf not in bsdfs:
         raise InputError(f"{scene}: it has no BSDF with the id {bsdf!r}{did_you_mean(bsdf, bsdfs)}")

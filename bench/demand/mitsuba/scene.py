@@ -35,9 +35,12 @@ class MitsubaScene:
         self.scene = loaded(path, lambda: mi.load_file(str(path)))
         self.sensors = self.scene.sensors()
         self.bsdf = _chosen(self.scene, path, bsdf)
-        width, height = self.sensors[0].film().crop_size()
+        sizes = {tuple(map(int, sensor.film().crop_size())) for sensor in self.sensors}
+        if len(sizes) > 1:
+            raise InputError(f"{path}: its sensors differ in size: give all of them one width and one height")
+        ((width, height),) = sizes
         self.frames = len(self.sensors)
-        self.picture = (int(height), int(width))
+        self.picture = (height, width)
         self.emitters: list[tuple[Values, int]] = []  # each with the number of samples that it takes at a point
         for emitter in self.scene.emitters():
             from_one_place = mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta)  # a point or a direction

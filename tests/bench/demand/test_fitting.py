@@ -17,7 +17,7 @@ from bench.codecs.scene_material import SceneMaterial
 from bench.codecs.window import Window, from_hex
 from bench.conformance.check import tiny_btf
 from bench.demand.demand import Demand
-from bench.demand.fitting import Goal, Search, density_of, encode
+from bench.demand.fitting import Goal, Search, density_of, encode, outside
 from bench.demand.frame_scorer import FrameScorer
 from bench.demand.needed_part import NeededPart, shares_of_others
 from bench.directions.hemisphere import uniform
@@ -259,3 +259,17 @@ def test_held_out_pairs_count_where_they_lie_in_the_scene():
     sides = [side / np.linalg.norm(side, axis=1, keepdims=True) for side in (others[:, :3], others[:, 3:])]
     assert shares_of_others(far, near, *sides).tolist() == [1.0, 0.0]
     assert shares_of_others(far, near, *(side[1:] for side in sides)).tolist() == [0.0]
+
+
+def test_outside_a_scene_an_exact_model_has_no_decibels():
+    """JSON has no infinity."""
+    btf = tiny_btf(8, 3, 3)
+    slices = torch.from_numpy(np.stack([btf[pair] for pair in range(len(btf))]))
+    pairs = np.concatenate([btf.wo, btf.wi], 1).tolist()
+    exact = SimpleNamespace(slice=lambda wo, wi, size: slices[pairs.index(wo + wi)])
+    shares = np.zeros(len(btf))
+    scorer = SimpleNamespace(btf=btf, shares=shares)
+    assert outside(scorer, exact) is None
+    slices += 0.1
+    assert outside(scorer, exact) > 0
+    assert outside(SimpleNamespace(btf=btf, shares=shares + 1), exact) is None

@@ -14,6 +14,7 @@ from bench.data.convert import write_btf
 from bench.demand import still
 from bench.demand.scene import named_scene, parse_scene
 from bench.demand.text_scene import TextScene
+from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
 from bench.metrics.display import to_display
 from tests.bench.demand.scenes import SUN, camera, surface
@@ -142,6 +143,13 @@ def test_the_psnr_in_a_frame_is_that_of_the_pixels_which_show_the_surface_alone(
     white, grey = to_display(np.array([0.5, 0.25]), 1.0)
     error = (white - grey) ** 2 / 4
     np.testing.assert_allclose(still.psnr_in_frame(ours, truth, 1.0), -10 * np.log10(error))
+
+
+def test_a_picture_whose_pixels_all_show_more_than_the_surface_is_refused() -> None:
+    half = np.full((2, 3, 4), 0.5)
+    for measure in (still.exposure_for, lambda picture: still.psnr_in_frame(picture, half, 1.0)):
+        with pytest.raises(InputError, match="no pixel shows nothing but the surface: move the camera"):
+            measure(half)
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,7 @@ MATERIALS: dict[str, Evaluate] = {
         wo.abs() + SQUARE[places(uv)[0] - 2, places(uv)[1] - 2][:, None]
     ),
     "whole powers of what may be negative": lambda uv, wo, wi: 1 + (wo - 0.5) ** 3 + 0.01 * (wo - 2) ** -1,
+    "a sum of no numbers": lambda uv, wo, wi: wo.abs() + (2 * (wi @ torch.zeros(3, 0))).sum(1, keepdim=True),
     "distances": lambda uv, wo, wi: torch.cdist(wo, torch.eye(3)),
     "a look-up of one whole number in few": lambda uv, wo, wi: (
         wo.abs() * torch.tensor([0.5, 2.0])[torch.tensor([1, 0])[whole(uv)[:, :1] % 2]]
@@ -90,6 +91,12 @@ def test_a_shader_does_it(name: str) -> None:
     code = shader(program_of(material), GLSL)
     ours = np.stack([answer(code, *query) for query in zip(*given, strict=True)])
     np.testing.assert_allclose(np.maximum(ours, 0), truth(material, given), rtol=1e-5, atol=1e-6)
+
+
+def test_an_answer_that_depends_on_no_input_is_a_constant() -> None:
+    program = program_of(Made(lambda uv, wo, wi: torch.tensor([0.25, 0.5, 1.0]).expand(len(uv), 3)))
+    assert not program.steps
+    np.testing.assert_array_equal(answer(shader(program, GLSL), *(each[0] for each in queries(1))), [0.25, 0.5, 1.0])
 
 
 def test_a_shader_asks_for_no_whole_power_of_what_may_be_negative() -> None:

@@ -23,6 +23,7 @@ from reports import artefacts
 from reports.shaders.dialects import DIALECTS, GLSL, SLANG
 from reports.shaders.export import LAYERS_TOLERANCE, TOLERANCE, Vectors, export
 from reports.shaders.generator import shader
+from reports.shaders.writer import Tables, literal
 from reports.viewer.page import Shown, model_data, pack
 from tests.baselines.surfaces import bumps
 from tests.reports.shaders import slang
@@ -89,11 +90,42 @@ class Sorting(Branching):
         return wo.cumsum(1)
 
 
+def test_whole_numbers_are_no_floats_of_the_same_bytes() -> None:
+    tables, floats = Tables(), np.array([[1.0, 2.0]], np.float32)
+    assert tables.place(floats) == tables.place(floats.astype(np.int32)) == ("exactRow", 0, 1)
+    assert tables.place(floats.view(np.int32)) == ("exactRow", 1, 1)
+
+
+class Layered(Material):
+    """The product of two layers, plus one of matrices without a number."""
+
+    def __init__(self) -> None:
+        super().__init__((2, 2), DecoderCost())
+        self.layers = torch.nn.ModuleList(torch.nn.Linear(3, 3) for _ in range(2))
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        nothing = 2 * (wo @ torch.zeros(3, 0))
+        return self.layers[0](wo) * self.layers[1](wi) + nothing @ torch.zeros(0, 3)
+
+
+def test_a_product_of_layers_is_computed_in_floats() -> None:
+    """The range of halves may not hold it."""
+    code = shader(program_of(Layered()), SLANG)
+    assert len(re.findall(r"CoopVec<half, 3> t\d+ = coopVecMatMulAdd", code.text)) == 2
+    assert len(re.findall(r"CoopVec<half, 3> t\d+ =", code.text)) == 4  # the inputs and outputs of both, no product
+
+
 def test_what_no_shader_can_do_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be recorded"):
         program_of(Branching())
     with pytest.raises(InputError, match="'cumsum'"):
         shader(stored(Sorting(), tmp_path), GLSL)
+
+
+@pytest.mark.parametrize("number", [np.inf, -np.inf, np.nan])
+def test_a_number_without_a_text_is_refused(number: float) -> None:
+    with pytest.raises(InputError, match=f"no shader can hold the number {number}"):
+        literal(number)
 
 
 def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:

@@ -71,5 +71,5 @@ def test_the_command_adds_a_part_and_changes_no_answer(tmp_path, capsys):
     }
     uv, wo, wi = torch.rand(50, 2), directions(50, most=80), directions(50, 1, most=80)
     assert torch.equal(bench.load(file).query(uv, wo, wi), bench.load(out).query(uv, wo, wi))
-    with pytest.raises(ContainerError, match="lobes"):
-        checked({NAME: torch.zeros(2, 3, 5)})
+    with pytest.raises(ContainerError, match=r"a\.nbtf: its lobes are \(2, 3, 5\), .* `export --lobes`"):
+        checked(file, {NAME: torch.zeros(2, 3, 5)})

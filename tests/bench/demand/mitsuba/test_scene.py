@@ -127,6 +127,7 @@ def test_what_will_not_do_says_why(tmp_path):
         ((CLOTH, PLANE, LAMP), "cloth", "no sensor|no ray of the camera"),
         ((CAMERA, CLOTH, PLANE), "cloth", "no emitter|no light reaches the side"),
         ((CAMERA, "<bsdf>"), "cloth", "Mitsuba cannot load it"),
+        ((CAMERA, CAMERA.replace('"20"', '"30"'), CLOTH, PLANE, LAMP), "cloth", "its sensors differ in size"),
     ]:
         with pytest.raises(InputError, match=message):
             demand_of(written(tmp_path, *parts), bsdf)
