@@ -18,10 +18,12 @@ from baselines.planes import Difference, blurred, blurring, half_and_difference,
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Count, Natural, NotNegative, Positive, Width
-from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
+from bench.material import Material, sample_texture, saturated, texel_corners, to_radiance
 from bench.training import Batch, Loss, Samples, TextureObjective, TextureSettings, fitted
 from bench.training.decoder import Architecture, Decoder
-from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
+from bench.training.gridded import GriddedMaterial, GriddedNetwork, first_grids, gridded_parts, load_gridded
+from bench.training.grids import GridSettings, total
+from bench.training.initial_latents import RANDOM_SPREAD, Start
 from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
@@ -52,7 +54,7 @@ class TriplePlane(Codec):
     recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
-    class Settings(TextureSettings):
+    class Settings(TextureSettings, GridSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its difference vector, loss, random planes, no blur, Adam
         batch: Count = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
@@ -67,26 +69,31 @@ class TriplePlane(Codec):
         bits: Bits = 0  # bits of a stored number of the planes on average; 0: chosen by the fit; 16, 32: floats
 
         @property
+        def latents(self) -> int:
+            """The features of the plane over texels at full resolution: see `bench.training.grids`."""
+            return self.channels
+
+        @property
         def architecture(self) -> Architecture:
-            """The network that reads the features of three planes."""
-            return Architecture(3 * self.channels, (self.width,) * LAYERS)
+            """The network that reads the features of three planes, and of further grids over texels."""
+            return Architecture(total(self) + 2 * self.channels, (self.width,) * LAYERS)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit planes and network. The plane over texels is the file's part `texture`; both planes over directions are
         in its part `decoder`, beside the network."""
         fitting = fitted(TriplePlaneObjective, self.settings, btf, fit)
-        texture = store_texture("latents", fitting.texture.reshape(*btf.shape, -1), fitting.rounded_texture)
-        parts = fitting.parts(texture)
+        parts = gridded_parts(fitting, fitting.grids)
         parts.decoder.update(store_texture("planes", fitting.planes(), fitting.rounded_planes))
         return parts
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device."""
-        network = load_network(Decoder(self.settings.architecture), parts.decoder)
+        settings = self.settings
+        grids = load_gridded(parts, settings)
+        network = GriddedNetwork(Decoder(settings.architecture), settings, grids["latents"].shape[:2])
+        load_network(network, parts.decoder)
         planes = list(load_texture("planes", parts.decoder))
-        texture = load_texture("latents", parts.texture)
-        gain = float(parts.other["gain"])
-        return TriplePlaneMaterial(network, texture, planes, gain, self.settings.difference).to(device)
+        return TriplePlaneMaterial(network, grids, planes, float(parts.other["gain"]), settings).to(device)
 
 
 class TriplePlaneObjective(TextureObjective):
@@ -101,10 +108,11 @@ class TriplePlaneObjective(TextureObjective):
         The network's weights are the first numbers of the generator.
         """
         super().__init__(samples, settings)
-        self.network = Decoder(settings.architecture, generator)
-        self.network.start_at(samples.mean(generator))
+        decoder = Decoder(settings.architecture, generator)
+        decoder.start_at(samples.mean(generator))
+        self.network: GriddedNetwork = GriddedNetwork(decoder, settings, samples.shape, generator)
         side, channels = settings.resolution, settings.channels
-        self.texture = nn.Parameter(first_latents(samples, channels, settings.start, generator))
+        self.grids = first_grids(samples, settings, settings.start, generator)
         first = RANDOM_SPREAD * torch.randn(2, side, side, channels, generator=generator)
         if settings.start != "random":
             # The first two channels are x and y of the direction that each texel of a plane stands for: row 0 is y = 1,
@@ -113,7 +121,6 @@ class TriplePlaneObjective(TextureObjective):
             xy = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)  # (S, S, 2)
             first[..., : min(2, channels)] = xy[..., :channels]  # of one channel only x
         self.direction_planes = nn.Parameter(first)  # over half vectors, and over difference vectors; not blurred
-        self.rounded_texture = Rounding(channels, settings.bits, sizes=[samples.shape])
         self.rounded_planes = Rounding(channels, settings.bits)
         # The four texels around the place at which each pair's vector reads its plane, and their weights, (N, 4).
         h, d = half_and_difference(samples.wo, samples.wi, settings.difference)
@@ -132,32 +139,33 @@ class TriplePlaneObjective(TextureObjective):
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3). The network sees the features of texel, half and difference vector, in this order."""
         texel, weight = self.texel[batch.pair], self.weight[batch.pair]
-        texture = self.rounded_texture(self.texture)
+        of_texel = self.network.fetch_batch(self.grids.rounded(), self.samples, batch)
         planes = self.rounded_planes(self.planes()).flatten(0, 2)  # (2 · S², C)
         rows = planes.index_select(0, texel.flatten()).unflatten(0, texel.shape)  # (n, 2, 4, C)
         features = (rows * weight[..., None]).sum(2).flatten(1)  # (n, 2 · C)
-        return self.network(torch.cat([texture.index_select(0, batch.texel), features], 1))
+        return self.network(torch.cat([of_texel, features], 1))
 
 
-class TriplePlaneMaterial(Material):
-    """A texture (H, W, C) of latents, planes (S, S, C) over half and difference vector, and the network."""
+class TriplePlaneMaterial(GriddedMaterial):
+    """Grids (h, w, C) of features over texels, planes (S, S, C) over half and difference vector, and the network."""
 
-    def __init__(self, network: Decoder, texture: Tensor, planes: list[Tensor], gain: float, difference: Difference):
-        """Count the cost of an answer, and keep the parts. `ValueError` if planes have other channels than the
-        texture."""
-        architecture = network.architecture
-        channels = texture.shape[2]
-        if any(plane.shape[2] != channels for plane in planes) or 3 * channels != architecture.inputs:
-            raise ValueError(f"planes of {channels} channels for a network of {architecture.inputs} inputs")
+    def __init__(
+        self,
+        network: GriddedNetwork,
+        grids: dict[str, Tensor],
+        planes: list[Tensor],
+        gain: float,
+        settings: TriplePlane.Settings,
+    ):
+        """Count the cost of an answer, and keep the parts. `ValueError` if planes have other channels than settings."""
+        channels = settings.channels
+        if any(plane.shape[2] != channels for plane in planes):
+            raise ValueError(f"planes of {[plane.shape[2] for plane in planes]} channels for settings of {channels}")
         plane_numbers_read = 2 * 4 * channels  # of four texels of each of the two planes over directions
-        flops = architecture.flops + 2 * plane_numbers_read  # each is multiplied and added
-        cost = DecoderCost.of_texture(texture, architecture.parameters, flops)  # adds the texture's own reads
-        cost = replace(cost, table_floats=sum(plane.numel() for plane in planes))
-        super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.network = network
-        self.texture = texture
-        self.gain = gain
-        self.difference = difference
+        flops = settings.architecture.flops + 2 * plane_numbers_read  # each is multiplied and added
+        super().__init__(network, grids, flops, gain)  # adds the grids' own reads
+        self.cost = replace(self.cost, table_floats=sum(plane.numel() for plane in planes))
+        self.difference = settings.difference
         self.half, self.diff = planes
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
@@ -167,6 +175,5 @@ class TriplePlaneMaterial(Material):
         # Weights of halves may add up to a little more than 1.
         of_half = saturated(sample_texture(self.half, places(h, len(self.half))))
         of_difference = saturated(sample_texture(self.diff, places(d, len(self.diff))))
-        of_texel = sample_texture(self.texture, uv)
-        level = self.network(torch.cat([of_texel, of_half, of_difference], 1))
+        level = self.network(torch.cat([self.latents(uv, wo), of_half, of_difference], 1))
         return to_radiance(level, self.gain)

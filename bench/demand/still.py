@@ -12,7 +12,6 @@ import numpy as np
 
 from bench.btf import BTF, Array
 from bench.codec import Progress, silent
-from bench.data.readers.exr import write_exr
 from bench.demand.collect import queries_of
 from bench.demand.demand import Demand
 from bench.demand.frame_scorer import truth
@@ -20,6 +19,7 @@ from bench.demand.scene import Colour, LightSource, Scene
 from bench.demand.text_scene import TextScene
 from bench.directions.hemisphere import from_degrees
 from bench.files.atomic import replacing
+from bench.files.exr import write_exr
 from bench.inputs.errors import InputError, writable
 from bench.material import Material
 from bench.metrics.display import display_error, exposure_of, to_display

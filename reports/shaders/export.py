@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.data.readers.exr import write_exr
 from bench.files.atomic import begins, make_folder, refuse_other_kind, replacing, write
+from bench.files.exr import write_exr
 from bench.inputs.errors import InputError
 from bench.program import Program
 from reports.shaders.dialects import DIALECTS, GLSL, SLANG

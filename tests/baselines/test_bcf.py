@@ -86,21 +86,11 @@ def test_a_decoded_file_answers_as_the_equations() -> None:
         np.testing.assert_allclose(found[row, col], expected, rtol=2e-4, atol=1e-5)
 
 
-def test_each_grid_has_its_blocks_and_takes_part() -> None:
-    """A texture at half the resolution has a quarter of the blocks; a change of any grid changes the answers."""
-    parts, material = coded(codec(textures=2, half=1, quarter=3, offset=8))
+def test_each_grid_has_its_blocks() -> None:
+    """A texture at half the resolution has a quarter of the blocks."""
+    parts, _ = coded(codec(textures=2, half=1, quarter=3, offset=8))
     blocks = {name.split(".")[0]: len(tensor) // 8 for name, tensor in parts.texture.items() if "blocks" in name}
     assert blocks == {"latents": 4 * 2, "latents2": 1, "latents4": 3, "offset": 1}  # of 8 × 8 texels
-    with torch.no_grad():
-        material.network.offset.gate.fill_(0.1)
-    wo, wi = [0.6, 0.0, 0.8], [0.0, 0.6, 0.8]
-    before = material.slice(wo, wi)
-    for name in blocks:
-        grid = getattr(material, f"grid_{name}")
-        kept = grid.clone()
-        grid.add_(torch.randn(grid.shape, generator=torch.Generator().manual_seed(1)))
-        assert (material.slice(wo, wi) - before).abs().max() > 1e-4, name
-        grid.copy_(kept)
 
 
 def test_the_first_ends_and_shares_lie_on_the_blocks_principal_axis() -> None:

@@ -23,9 +23,9 @@ from ubo2014_write import write_ubo2014
 from bench.btf import BTF, ArraySource
 from bench.btf.npz import write_npz
 from bench.data.readers import open_btf
-from bench.data.readers.exr import write_exr
 from bench.data.readers.folder import write_folder
 from bench.directions.hemisphere import from_degrees
+from bench.files.exr import write_exr
 
 H, W = 8, 9
 ANGLES = [(0, 0), (15, 60)]

@@ -15,7 +15,7 @@ from bench.codec import Fit
 from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
-from bench.data.readers.exr import write_exr
+from bench.files.exr import write_exr
 from bench.material import parameters
 from neubtf.autoencoder import FAINT, Autoencoder, Encoder, as_guidance
 from neubtf.codec import NeuBTF

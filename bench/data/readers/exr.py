@@ -1,19 +1,17 @@
-"""OpenEXR: read as linear RGB, of a single flat part with channels R G B, X Y Z or Y, in half or float; and written.
+"""OpenEXR as linear RGB: a single flat part with channels R G B, X Y Z or Y, in half or float.
 
 An EXR is a header of attributes (name, type, content), a table of places, and chunks: groups of scan lines (rows), each
 compressed alone. The header is parsed here, so that sizes are known without the pixels; the OpenEXR library decodes the
 pixels. `label` is the name of the file in errors.
 """
 
-import errno
-import os
 import struct
 from pathlib import Path
 
 import numpy as np
 
 from bench.btf import Array
-from bench.inputs.errors import NO_PLACE, InputError, refuse_pipe
+from bench.inputs.errors import InputError, refuse_pipe
 
 # The scan lines of a chunk, by the number of the compression, which the attribute `compression` holds.
 _LINES_OF_A_CHUNK = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)
@@ -166,26 +164,3 @@ def read(path: Path, label: str, rgb_is_xyz: bool) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(picture @ XYZ_TO_REC709.T, np.float32)
     return picture
-
-
-def write_exr(path: Path, picture: Array) -> None:
-    """Write a picture (H, W, 3 or 4), its channels R, G, B and A, as it is: float16 or float32, without loss.
-
-    `OSError` with the number of the system's error, or `EIO`, if it cannot be written.
-    """
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    names = "RGBA"[: picture.shape[2]]
-    try:
-        with OpenEXR.File(header, {names: np.ascontiguousarray(picture)}) as file:
-            file.write(str(path))
-    except RuntimeError as error:
-        # The library passes on only the text of the system's error, but callers tell a full disk by its number. So the
-        # number is found again by the text.
-        number = errno.EIO
-        for full_disk_number in NO_PLACE:
-            if os.strerror(full_disk_number) in str(error):
-                number = full_disk_number
-                break
-        raise OSError(number, os.strerror(number), str(path)) from error

@@ -24,12 +24,12 @@ from bench.data.readers.checks import (
     unit_note,
     view_major,
 )
-from bench.data.readers.exr import write_exr
 from bench.data.readers.files import Candidate, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.directions.hemisphere import to_degrees
 from bench.files.archive import inside
 from bench.files.atomic import make_folder
+from bench.files.exr import write_exr
 from bench.inputs.errors import InputError, readable
 
 LIST, NOTES = "pairs.csv", "btf.json"

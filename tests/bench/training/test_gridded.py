@@ -18,15 +18,16 @@ from bench.training.gridded import GriddedMaterial, GriddedNetwork, first_grids
 
 GRIDS = {"half": 2, "quarter": 3, "offset": 8}
 CODECS = {
-    "neubtf-direct": {"batch": 256},
-    "zeltner2024": {"batch": 256},
-    "rainer2019": {"texels": 16, "pairs": 16},
+    "neubtf-direct": {"batch": 256, "latents": 4},
+    "zeltner2024": {"batch": 256, "latents": 4},
+    "rainer2019": {"texels": 16, "pairs": 16, "latents": 4},
 }
+OTHERS = {"triple-plane": {"batch": 256, "channels": 4}, "bcf": {"batch": 256, "textures": 1}}  # have more beside grids
 every_codec = pytest.mark.parametrize("name", CODECS)
 
 
 def small(name: str, **settings: Any) -> Codec:
-    return make_codec(name, {"steps": 30, "latents": 4} | CODECS[name] | settings)
+    return make_codec(name, {"steps": 30} | (CODECS | OTHERS)[name] | settings)
 
 
 def written(path: Path, codec: Codec) -> tuple[container.Header, Any]:
@@ -38,6 +39,7 @@ def written(path: Path, codec: Codec) -> tuple[container.Header, Any]:
 @pytest.mark.parametrize(
     ("name", "more"),
     [(name, more) for name in CODECS for more in ({}, {"weights": "int8", "loss": "display"}, {"bits": 32})]
+    + [("triple-plane", {}), ("bcf", {"weights": "int8", "loss": "display"})]
     + [("neubtf-direct", {"recipe": "paper"}), ("zeltner2024", {"recipe": "paper"}), ("zeltner2024", {"frames": 0})],
 )
 def test_a_file_holds_the_grids_and_answers(tmp_path: Path, name: str, more: dict[str, Any]) -> None:
@@ -46,6 +48,7 @@ def test_a_file_holds_the_grids_and_answers(tmp_path: Path, name: str, more: dic
     assert {setting: header.settings[setting] for setting in GRIDS} == GRIDS
     assert material.size == (8, 8)
     assert material.cost.parameters == sum(p.numel() for p in material.network.parameters())
+    assert counting.fault(material, container.read_parts(header.path)[1]) == ""
     picture = material.slice([0, 0, 1], [0, 0.6, 0.8])
     assert picture.isfinite().all()
     assert picture.std() > 0
@@ -89,7 +92,7 @@ def test_without_them_a_fit_looks_up_one_texture_as_it_is() -> None:
     assert not list(network.parameters())
 
 
-@every_codec
+@pytest.mark.parametrize("name", [*CODECS, *OTHERS])
 def test_each_grid_takes_part(tmp_path: Path, name: str) -> None:
     """A change of any grid changes the answers, that of the offset by what it moves."""
     _, material = written(tmp_path / "a.nbtf", small(name, **GRIDS))

@@ -4,9 +4,9 @@ from PIL import Image
 
 from bench.data.open import open_named
 from bench.data.readers import open_btf
-from bench.data.readers.exr import write_exr
 from bench.data.readers.folder import write_folder
 from bench.directions.hemisphere import from_angles, from_degrees
+from bench.files.exr import write_exr
 from bench.inputs.errors import InputError
 
 HEADER = "file,theta_o_deg,phi_o_deg,theta_i_deg,phi_i_deg"

@@ -10,9 +10,10 @@ import pytest
 from PIL import Image, ImageOps
 from skimage.color import xyz2rgb
 
-from bench.data.readers.exr import XYZ_TO_REC709, write_exr
+from bench.data.readers.exr import XYZ_TO_REC709
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource, picture_size, read_picture
+from bench.files.exr import write_exr
 from bench.inputs.errors import InputError
 
 RNG = np.random.default_rng(0)
