@@ -47,7 +47,7 @@ OWN: dict[str, list[dict[str, Any]]] = {
     "zeltner2024": [{"latents": 4} | GRIDS, {"offset": 32}],
     "ntc": [{"rounding": "noise"}, {"reduction": 2}],
     "bcf": [{"textures": 4, "half": 8, "quarter": 8}, {"offset": 32}],
-    "triple-plane": [{"plane_rate": 5e-3}, {"blur": 2.5}],
+    "triple-plane": [{"channels": 4} | GRIDS, {"offset": 32}],
 }
 START = {"neubtf": "encoder", "rainer2019": "encoder"}  # of others, whose start is mixed: components
 LOSSES = {"relief": ("l1", "both"), "neubtf": ("l1", "l2")}  # beside the default
