@@ -321,7 +321,7 @@ def settings_dict(codec: Configured) -> dict[str, Any]:
 
 def setting_names(codec: type[Configured]) -> set[str]:
     """The names of the settings of a codec."""
-    return {field.name for field in dataclasses.fields(codec.Settings)} | set(COMMON)
+    return {each.name for each in dataclasses.fields(codec.Settings)} | set(COMMON)
 
 
 def described_settings(codec: type[Configured]) -> list[Setting]:

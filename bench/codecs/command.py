@@ -88,7 +88,10 @@ class Programs(Codec):
         return digest.hexdigest()
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Run the program that encodes. `CodecError` says how it failed."""
+        """Run the program that encodes, and store the files that it wrote.
+
+        `InputError` if a command line lacks a placeholder; `CodecError` says how the program failed.
+        """
         for setting, needed in (("encode", ("{btf}", "{files}")), ("decode", ("{files}",))):
             command = getattr(self.settings, setting)
             absent = [word for word in needed if word not in command]

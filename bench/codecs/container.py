@@ -125,9 +125,13 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
     from bench.codec import ZSTD, SharedNetwork, settings_dict
 
     _check_parts(codec, parts)
-    tensors: dict[str, dict[str, Tensor]] = {part: getattr(parts, part) for part in PARTS if getattr(parts, part)}
-    if codec.zstd:
-        tensors = {part: {ZSTD: compressed(b"".join(_packed({}, {part: tensors[part]})))} for part in tensors}
+    tensors: dict[str, dict[str, Tensor]] = {}
+    for part in PARTS:
+        of_part = getattr(parts, part)
+        if of_part and codec.zstd:  # they become one tensor
+            of_part = {ZSTD: compressed(b"".join(_packed({}, {part: of_part})))}
+        if of_part:
+            tensors[part] = of_part
     settings = settings_dict(codec)
     fields: dict[str, Any] = {"codec": codec.name, "version": codec.version_of(settings), "settings": settings}
     if isinstance(codec, SharedNetwork):
@@ -285,9 +289,9 @@ def _loaded(label: str, entries: Mapping[str, Entry], payload: memoryview) -> "d
         numbers.numpy().data[:] = payload[begin : begin + size]
         begin += size
         if tensor.is_floating_point() and not tensor.isfinite().all():
-            raise ContainerError(f"{label}: tensor {name} holds numbers that are not finite")
+            raise ContainerError(f"{label}: tensor {name} holds numbers that are not finite: encode it again")
         if tensor.dtype == torch.bool and (numbers > 1).any():
-            raise ContainerError(f"{label}: tensor {name} holds truth values other than 0 and 1")
+            raise ContainerError(f"{label}: tensor {name} holds truth values other than 0 and 1: encode it again")
         tensors[name] = tensor
     return tensors
 
@@ -359,7 +363,8 @@ def _opened(label: str, lengths: bytes, body: memoryview) -> tuple[dict[str, Any
     deflated, expanded_bytes = LENGTHS.unpack(lengths)
     longest = max(deflated, expanded_bytes)
     if longest > HEADER_LIMIT:
-        raise ContainerError(f"{label}: a header of {longest:,} bytes, but the limit is {HEADER_LIMIT:,}")
+        fault = f"a header of {longest:,} bytes, but the limit is {HEADER_LIMIT:,}"
+        raise ContainerError(f"{label}: {fault}: copy it again")
     if deflated > len(body):
         short = f"its header has {len(body)} of {deflated} bytes"
         raise ContainerError(f"{label}: truncated: {short}: copy it again")
@@ -415,7 +420,7 @@ def _entries(label: str, tensors: object) -> dict[str, Entry]:
                     raise ValueError
                 entries[full] = _entry(listed)
             except (KeyError, ValueError, TypeError) as error:
-                raise ContainerError(f"{label}: tensor {full!r:.60} is not sound") from error
+                raise ContainerError(f"{label}: tensor {full!r:.60} is not sound: encode it again") from error
     return entries
 
 

@@ -119,11 +119,10 @@ def _check_answers(material: Material) -> None:
 
 
 class DecodedSource(Source):
-    """A decoded material at the pairs wo, wi (N, 3), to be written like any BTF; `identity` names its file."""
+    """A decoded material at the pairs wo, wi (N, 3), to be written like any BTF."""
 
     def __init__(self, material: Material, wo: np.ndarray, wi: np.ndarray, identity: str):
-        """A decoded material at pairs wo, wi (N, 3); `identity` is the hash of its file, which stands for its
-        content."""
+        """`identity` is the hash of the material's file, which stands for its content."""
         self.material = material
         self.wo = wo
         self.wi = wi

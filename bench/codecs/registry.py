@@ -128,7 +128,7 @@ def reference(entry: EntryPoint) -> dict[str, str]:
     """What a codec's docstring says of its origin: `bibtex`, one entry, the link of its `paper`, and of its `code`.
 
     The paper's link is the entry's doi or url; the code's follows "Code: ". Each is "" where there is none. If the
-    docstring says "Cited as `NAME`.", all three are those of the codec of that name.
+    docstring says "Cited as `NAME`.", all three are those that the codec of that name states itself.
     """
 
     def first_match(pattern: str, text: str) -> str:
@@ -138,12 +138,11 @@ def reference(entry: EntryPoint) -> dict[str, str]:
             return ""
         return match[1] if match.re.groups else match[0]
 
-    module, class_name = entry.value.split(":")
-    text = _docstring(module, class_name)
+    text = _docstring(*entry.value.split(":"))
     cited_as = first_match(r"^Cited as `([\w-]+)`\.$", text)
     another = codec_entries().get(cited_as)
-    if another is not None and another.name != entry.name:  # a codec that cites itself would never end
-        return reference(another)
+    if another is not None:
+        text = _docstring(*another.value.split(":"))
     bibtex = first_match(r"^@\w+\{.*?^\}$", text)
     paper = first_match(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
     doi = first_match(r"\bdoi = \{([^{}\s]+)\}", bibtex)
@@ -160,9 +159,9 @@ def first_line(module: str, class_name: str = "") -> str:
 def current_versions(codec: str, recipe: str = "", entries: Mapping[str, EntryPoint] | None = None) -> dict[str, int]:
     """The installed `version` of a codec, and that of the `store` of textures, as a fit key names them.
 
-    If the recipe has a version of its own, `version` is that. Both are read from the source.
-    Empty if no such codec is installed, or if its source does not state its version as a number. `entries` are those of
-    `codec_entries`, for who has them.
+    If the recipe has a version of its own, `version` is that. Both are read from the source. Empty if no such codec is
+    installed, or if its source does not state its version as a number. `entries` are the `codec_entries`, for a caller
+    that has them.
     """
     entry = (codec_entries() if entries is None else entries).get(codec)
     if entry is None:
@@ -200,7 +199,7 @@ def _assigned(module: str, class_name: str, wanted: str) -> Any:
             value = ast.literal_eval(statement.value)
         except ValueError:  # an expression
             continue
-        if isinstance(value, tuple):  # as in `name, version = "pca", 4`: names and values have the same places
+        if isinstance(target, ast.Tuple):  # as in `name, version = "pca", 4`: names and values have the same places
             return value[names.index(wanted)]
         return value
     return None

@@ -58,7 +58,10 @@ def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
 
 
 def find(codec: str, path: Path | None = None) -> TrainedNetwork:
-    """Read a codec's shared network from `path` or its default place. `MissingDataError` says how to get it."""
+    """Read a codec's shared network from `path` or its default place.
+
+    `MissingDataError` says how to get it; `ContainerError` if the file is damaged, or holds something else.
+    """
     if path is None:
         path = place(codec)
     if not path.exists():

@@ -103,13 +103,14 @@ def against_jobs(run: Run, first: str, *jobs: str) -> Against:
             cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), slices_of)
         except InputError:  # slices of one codec that cannot be read must not cost the table of all others
             continue
-        places = [(differences.over, cells)]
+        over_all = interval(cells)
+        if over_all is None:  # they have no slices to compare
+            continue
+        differences.over[label] = over_all
         for material, cells_of_material in grouped(cells, lambda cell: cell.material).items():
-            places.append((differences.on.setdefault(material, {}), cells_of_material))
-        for place, some_cells in places:
-            found = interval(some_cells)
-            if found is not None:  # None: they have no slices to compare
-                place[label] = found
+            on_material = interval(cells_of_material)
+            if on_material is not None:
+                differences.on.setdefault(material, {})[label] = on_material
     return replace(differences, over=told_apart(differences.over))
 
 
@@ -120,7 +121,10 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
 
 
 def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) -> Interval | None:
-    """The mean difference of the jobs of a row in two runs, seed by seed; None if they have no slices to compare."""
+    """The mean difference in dB, new − base, of the jobs of a row in two runs, seed by seed.
+
+    None if they have no slices to compare. `InputError` if slices cannot be read.
+    """
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
     return interval(_cells(pairs, partial(decibels, base.folder), partial(decibels, new.folder)))
@@ -173,8 +177,8 @@ def interval(cells: Sequence[Cell]) -> Interval | None:
 def decibels(folder: Path, job: Job) -> np.ndarray | None:
     """The PSNR (n,) in dB of each slice of the deciding pairs, in the order of the BTF, at most `MOST_DB`.
 
-    Deciding pairs are the held-out ones, or all pairs if none are held out.
-    It is read from the file beside the record, or from a reference, which stores it packed; None if it is in neither.
+    Deciding pairs are the held-out ones, or all pairs if none are held out. The PSNR is read from the file beside the
+    record, or from a reference, which stores it packed; None if it is in neither. `InputError` if it cannot be read.
     """
     stored = job.get("slices")
     if isinstance(stored, dict):  # of a reference

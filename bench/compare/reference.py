@@ -307,8 +307,8 @@ def _reduced_statistics(stats: Statistics, *numbers: str) -> Statistics:
 def published(run: Run, once: bool = True) -> str:
     """The text of a run's results: a line for each start that produced something, each job and each timing.
 
-    Unless they say what is repeated `once`, each line is whole by itself, as in an archive, whose lines may be altered.
-    `InputError` if there is no result.
+    With `once`, what several lines would repeat is said once, as `_once` describes. Without, each line is whole by
+    itself, as an archive needs it, whose lines may be altered. `InputError` if there is no result.
     """
     if not any(job["status"] == "ok" for job in run.jobs) and not len(run.timings):
         raise InputError(f"{run.folder}: the run has no results")

@@ -71,8 +71,8 @@ class Scorer:
     """Scores any number of codecs against one BTF.
 
     `names` are metrics of the registry, by default `bench.metrics.DEFAULTS`; `exposure` is that of the material,
-    by default measured of `sampled` (None: of the BTF itself). `cache_bytes` limits the cache of the reference between
-    codecs.
+    by default measured of `sampled` (None: of the BTF itself). `threads` compute metrics, by default one on each core.
+    `cache_bytes` limits the cache of the reference between codecs.
 
     Raises `InputError` for an unknown metric, and for a periodic one if the BTF is not periodic.
     """
@@ -164,11 +164,10 @@ class Scorer:
         `block` are the n pairs of the stack, `truth` and `test` (n, H, W, 3); `truth` is None if the reference is
         cached. Returns the pairs, the reference, and the result as `_blocks` yields it.
         """
-        name = f"reference slices of pairs {block[0]} to {block[-1]}"
         if truth is None:
             reference = self._cached[block]
         else:
-            true_picture = Picture(truth, self.exposure, name)
+            true_picture = Picture(truth, self.exposure, f"reference slices of pairs {block[0]} to {block[-1]}")
             sides = {name: metric.reference_side(true_picture) for name, metric in self._applicable.items()}
             # Pictures are planar, (3, n, H, W): the mean over all axes but that of the slices.
             reference = _Reference(sides, true_picture.log1p, true_picture.linear.mean((0, -2, -1)))

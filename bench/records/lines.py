@@ -1,7 +1,7 @@
 """The records of a run: one JSON object per line, appended and synced as soon as it is known.
 
-`RUN/records.jsonl` holds four kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
-encoded, its bytes, its errors, or why it failed), `timing` (one codec, setting or choice of a trade, timed in turns
+`RUN/records.jsonl` holds four kinds of line: `run` (provenance, once a start), `job` (the result of a job: what
+was encoded, its bytes, its errors, or why it failed), `timing` (one codec, setting or choice of a trade, timed in turns
 with others) and `stress` (one extreme tried on one codec or metric). Paths in records are relative to the run's folder.
 Imports neither PyTorch nor pandas.
 
@@ -15,6 +15,7 @@ import os
 import re
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
@@ -221,12 +222,13 @@ def load_together(
         together.starts.extend(run.starts)
         # The names of this run's jobs that must not replace those of other runs; nor may their timings.
         aside = {job["job"] for job in run.jobs if job["status"] == "ok" and not wanted(job)}
-        for job in run.jobs:
+        for relative in run.jobs:
+            job = _with_whole_paths(relative, run.folder.absolute())
             name = job["job"]
             if name in aside:
                 together.jobs.put((number, name), job)  # under a name that no other job has
             elif not _of_other_data(job, together.job(name)):
-                together.jobs.put(name, _with_whole_paths(job, run.folder.absolute()))
+                together.jobs.put(name, job)
                 if is_file:
                     together.published.add(name)
             elif beside and name in together.published and not is_file:
@@ -276,7 +278,7 @@ def _with_whole_paths(job: Job, folder: Path) -> Job:
 
 
 def _files_of(source: Path) -> list[Path]:
-    """The runs of a folder: its own, or the files of records in it."""
+    """What `load_run` reads of a source: the source itself, or the files of records in a folder that is no run."""
     if source.suffix == ".jsonl" or (source / FILE).is_file():
         return [source]
     return sorted(source.glob("*.jsonl")) or [source]
@@ -289,7 +291,9 @@ def _put_back(job: dict[str, Any], starts: Sequence[RunStart]) -> None:
     if isinstance(key, dict) and key and "settings" in job:
         key.setdefault("settings", job["settings"])
     if isinstance(history, dict) and all(isinstance(column, list) for column in history.values()):
-        job["history"] = [dict(zip(history, point, strict=True)) for point in zip(*history.values(), strict=False)]
+        with suppress(ValueError):  # columns of different lengths
+            points = zip(*history.values(), strict=True)
+            job["history"] = [dict(zip(history, point, strict=True)) for point in points]
     facts: dict[str, MetricFacts] = {}
     for start in starts:
         if start.get("run") == job.get("run"):

@@ -55,7 +55,7 @@ class Shown(NamedTuple):
 
 LARGEST = 10**18  # a larger number is not a measurement
 WHOLE = (1 << 63) - 1  # the largest whole number, which seeds reach
-DEEPEST = 12
+DEEPEST = 12  # the most levels of lists and objects in a free field
 LONGEST = 1 << 20  # the most characters of a text; a traceback is far shorter
 
 
@@ -80,7 +80,7 @@ class Rule:
 
 
 def _is_plain(value: Any, depth: int = 0) -> bool:
-    """Whether a value of any type is not nested deeply, and holds only numbers and texts that tables can show."""
+    """Whether a value of JSON has at most `DEEPEST` levels, and holds only numbers and texts that tables can show."""
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, list):
@@ -245,7 +245,7 @@ class Between(Open):
 
 
 class Job(Open, total=False):
-    """One cell of a suite: what was encoded, its bytes and errors, or why it failed."""
+    """The result of a job: what was encoded, its bytes and errors, or why it failed."""
 
     kind: Annotated[Text, PUBLISHED | NAMES | APART]
     job: Annotated[Text, PUBLISHED | NAMES | APART]
@@ -453,7 +453,7 @@ class Facts(Open, total=False):
 
 
 class FileScene(Open):
-    """The scene that a codec file was fitted to; see `bench.demand.requirement`."""
+    """The scene that a codec file was fitted to; see `bench.demand.needed_part`."""
 
     name: Text
     demand: Text
