@@ -268,7 +268,8 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
         if header.settings.get(ZSTD):  # the tensor holds all tensors of this part, compressed
             tensors = expanded(tensor, Path(path), budget)
             if name != ZSTD or any(not inner.startswith(f"{part}/") for inner in tensors):
-                raise ContainerError(f"{path}: a compressed part holds tensors of another, or is not alone in its own")
+                fault = "a compressed part holds tensors of another, or is not alone in its own"
+                raise ContainerError(f"{path}: {fault}: encode it again")
             budget -= sum(values.nbytes for values in tensors.values())
         getattr(parts, part).update({inner.split("/", 1)[1]: values for inner, values in tensors.items()})
     return header, parts
@@ -455,14 +456,15 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
     zstandard = _zstandard(str(path))
     label = f"{path}: a compressed part"
     if str(payload.dtype) != "torch.uint8":
-        raise ContainerError(f"{label} is {payload.dtype}, not bytes")
+        raise ContainerError(f"{label} is {payload.dtype}, not bytes: encode it again")
     packed = payload.numpy().tobytes()
     try:
         if not LENGTHS.size <= zstandard.frame_content_size(packed) <= most:
-            raise ContainerError(f"{label} gives no size, or one too small for a header or far too large for the file")
+            fault = "gives no size, or one too small for a header or far too large for the file"
+            raise ContainerError(f"{label} {fault}: encode it again")
         data = memoryview(zstandard.ZstdDecompressor().decompress(packed))
     except zstandard.ZstdError as error:
-        raise ContainerError(f"{label} is not sound ({error})") from error
+        raise ContainerError(f"{label} is not sound ({error}): encode it again") from error
     _, entries, numbers = _opened(label, bytes(data[: LENGTHS.size]), data[LENGTHS.size :])
     return _loaded(label, entries, numbers)
 

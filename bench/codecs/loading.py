@@ -39,7 +39,8 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     path = Path(path)
     header, parts = read_parts(path)
     if header.kind == SHARED:
-        raise ContainerError(f"{path}: not a material, but the network that codec {header.codec} shares over materials")
+        fault = f"not a material, but the network that codec {header.codec} shares over materials"
+        raise ContainerError(f"{path}: {fault}: give the file of a material")
     codec_class = registry.load_codec(header.codec, wanted_by=str(path))
     installed = codec_class.version_of(header.settings)
     if header.version != installed:
@@ -60,7 +61,8 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
         if math.prod(material.size) > max(LEAST_TEXELS, MOST_TEXELS * numbers):
-            raise ContainerError(f"a picture of {material.size} texels is far too large for {numbers:,} numbers")
+            fault = f"a picture of {material.size} texels is far too large for {numbers:,} numbers"
+            raise ContainerError(f"{fault}: encode it again")
     except ContainerError as error:
         raise ContainerError(f"{path}: {error}") from error
     except CodecError as error:

@@ -200,7 +200,7 @@ def _difference(base: float | None, new: float | None) -> float | None:
 def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]) -> bool:
     """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic.
 
-    So do fewer than two seeds, which show no scatter, and a quantity without a tolerance.
+    True also for fewer than two seeds, which show no scatter, and for a quantity without a tolerance.
     """
     tolerance = quantity.tolerance
     values = _finite(_scatter_values(quantity, base, new, reference))

@@ -22,7 +22,7 @@ from bench.inputs.errors import InputError
 from bench.machine.threads import cores
 from bench.metrics.angular import as_number, bins, grazing, polar_map
 from bench.metrics.base import Picture, SliceMetric, check_radiance
-from bench.metrics.description import Metric
+from bench.metrics.description import PERIODIC, Metric
 from bench.metrics.display import display_error, exposure_of, sample
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
 from bench.records import PSNR, Group, Statistics
@@ -97,7 +97,8 @@ class Scorer:
         described = {name: registry.get(name) for name in self.names}
         for name, metric in described.items():
             if metric.periodic and not btf.periodic:
-                raise InputError(f"{name} is only for materials that repeat, and {btf.name} does not")
+                plain = name.removesuffix(PERIODIC)
+                raise InputError(f"{name} is only for materials that repeat, and {btf.name} does not: choose {plain}")
         self.metrics = {name: metric.load() for name, metric in described.items()}
         # Sampling reads slices, so it is done only if something is measured of them: the exposure, or constants of a
         # metric.
@@ -320,11 +321,12 @@ def _group(scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str
     result: Group = {"slices": len(pairs), "radiance": radiance, "metrics": {}, "bins": {}}
     for name, (description, metric) in loaded.items():
         raw = scores.raw[name][chosen]
-        stats = _statistics(metric, raw[~np.isnan(raw)])
+        measured = raw[~np.isnan(raw)]
+        stats = _statistics(metric, measured)
         if description.relative:
             stats["relative"] = _relative(stats["pooled"], radiance)
         if description.decibels:
-            stats["worst"] = worst(metric.values(raw[~np.isnan(raw)]))
+            stats["worst"] = worst(metric.values(measured))
         result["metrics"][name] = stats
         result["bins"][name] = bins(wo[pairs], wi[pairs], raw, metric.pool)
     return result

@@ -209,11 +209,7 @@ def load_together(
         paths += _files_of(Path(source))
     if beside:
         paths.sort(key=lambda path: path.suffix != ".jsonl")
-    runs = list(map(load_run, paths))
-    for path, run in zip(paths, runs, strict=True):
-        if run.unreadable:
-            lines = ", ".join(map(str, run.unreadable))
-            log.warning("%s: cut or altered, and left out: line(s) %s", path, lines)
+    runs = [_loaded_with_warning(path) for path in paths]
     if len(runs) == 1:
         return runs[0]
     together = Run(runs[-1].folder)
@@ -243,6 +239,15 @@ def load_together(
                 together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)
     return together
+
+
+def _loaded_with_warning(path: Path) -> Run:
+    """As `load_run`, with a warning of lines that cannot be read."""
+    run = load_run(path)
+    if run.unreadable:
+        lines = ", ".join(map(str, run.unreadable))
+        log.warning("%s: cut or altered, and left out: line(s) %s", path, lines)
+    return run
 
 
 def refuse_damaged(sources: Sequence[str | Path]) -> None:
