@@ -308,10 +308,15 @@ def published(run: Run, once: bool = True) -> str:
     """The text of a run's results: a line for each start that produced something, each job and each timing.
 
     With `once`, what several lines would repeat is said once, as `_once` describes. Without, each line is whole by
-    itself, as an archive needs it, whose lines may be altered. `InputError` if there is no result.
+    itself, as an archive needs it, whose lines may be altered. `InputError` if there is no result, or if a job does not
+    name its run, as in a reference.
     """
     if not any(job["status"] == "ok" for job in run.jobs) and not len(run.timings):
         raise InputError(f"{run.folder}: the run has no results")
+    for job in run.jobs:
+        if "run" not in job:
+            remedy = "give the folder that `neubtf-bench run` wrote"
+            raise InputError(f"{run.folder}: {job['job']} has no 'run', as in a reference: {remedy}")
     jobs = [published_job(job, run.folder) for job in run.jobs]
     timings = [kept(timing, records.RESULTS) for timing in run.timings]
     used = {line["run"] for line in (*jobs, *timings)}
