@@ -110,8 +110,13 @@ def origin(entry: EntryPoint) -> str:
 
 def describe(entry: EntryPoint) -> str:
     """The first line of a codec's docstring, read from its source, so that listing imports no PyTorch."""
-    module, class_name = entry.value.split(":")
-    return first_line(module, class_name)
+    return first_line(*_module_and_class(entry))
+
+
+def _module_and_class(entry: EntryPoint) -> tuple[str, str]:
+    """The names of a codec's module and of its class; "" where the entry point of another package names no class."""
+    module, _, class_name = entry.value.partition(":")
+    return module, class_name
 
 
 def listed(entry: EntryPoint) -> str:
@@ -138,11 +143,11 @@ def reference(entry: EntryPoint) -> dict[str, str]:
             return ""
         return match[1] if match.re.groups else match[0]
 
-    text = _docstring(*entry.value.split(":"))
+    text = _docstring(*_module_and_class(entry))
     cited_as = first_match(r"^Cited as `([\w-]+)`\.$", text)
     another = codec_entries().get(cited_as)
     if another is not None:
-        text = _docstring(*another.value.split(":"))
+        text = _docstring(*_module_and_class(another))
     bibtex = first_match(r"^@\w+\{.*?^\}$", text)
     paper = first_match(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
     doi = first_match(r"\bdoi = \{([^{}\s]+)\}", bibtex)
@@ -166,7 +171,7 @@ def current_versions(codec: str, recipe: str = "", entries: Mapping[str, EntryPo
     entry = (codec_entries() if entries is None else entries).get(codec)
     if entry is None:
         return {}
-    module, _, class_name = entry.value.partition(":")
+    module, class_name = _module_and_class(entry)
     version = _assigned(module, class_name, "version")
     recipe_versions = _assigned(module, class_name, "recipe_versions")  # by recipe; None if none has its own
     if recipe_versions is not None:

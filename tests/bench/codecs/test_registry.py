@@ -76,3 +76,11 @@ def test_codecs_that_cite_each_other_cite_nothing_and_a_tuple_is_one_value(tmp_p
     entry = registry.codec_entries()["one"]
     assert registry.reference(entry) == {"bibtex": "", "paper": "", "code": ""}
     assert registry.current_versions("one") == {}  # its version is no number
+
+
+def test_an_entry_point_without_a_class_is_listed_with_its_fault_and_described_by_its_module(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(install(tmp_path, "outside", {"plain": "plain"}, {"plain": '"""My module."""'}))
+    entry = registry.codec_entries()["plain"]
+    assert "has no name" in registry.listed(entry)
+    assert registry.describe(entry) == "My module."
+    assert registry.reference(entry)["bibtex"] == ""
