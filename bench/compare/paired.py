@@ -189,14 +189,20 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
         except ValueError as error:
             remedy = "make the reference again"
             raise InputError(f"{folder}: the slices of {job['job']} cannot be read ({error}): {remedy}") from error
-    if not stored:
+    if not stored or not (folder / stored).exists():  # the file was not kept with the records
         return None
-    path = folder / stored
-    if not path.exists():  # the file was not kept with the records
-        return None
+    raw = _errors_of_deciding_pairs(folder / stored, job)
+    return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)
+
+
+def _errors_of_deciding_pairs(path: Path, job: Job) -> np.ndarray:
+    """The mean squared error (n,) of each slice of a job's deciding pairs, NaN where the metric does not apply.
+
+    `InputError` if the file at `path` cannot be read.
+    """
     try:
         arrays = read_arrays(path, MAX_FILE, (PSNR, "heldout"))
-        raw = arrays[PSNR]  # mean squared error of each slice; NaN where the metric does not apply
+        raw = arrays[PSNR]
         heldout = arrays["heldout"]
         if raw.ndim != 1 or raw.shape != heldout.shape or (raw.dtype.kind, heldout.dtype.kind) != ("f", "b"):
             raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")
@@ -204,8 +210,8 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
         remedy = "run it again with --fresh"  # else the record is found again, and no slices are written
         raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): {remedy}") from error
     if deciding_group(job["scores"]) == "heldout":
-        raw = raw[heldout]
-    return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)
+        return raw[heldout]
+    return raw
 
 
 def packed(values: np.ndarray) -> str:

@@ -366,13 +366,7 @@ def published_job(job: Job, folder: Path) -> Job:
         line["file"] = f"files/{Path(job['file']).name}"
     if "fitted" in line:  # the day is that of the scores
         line["fitted"] = {"git": line["fitted"].get("git")}
-    scores = read_scores(job["scores"])
-    line["scores"] = {name: group for name, group in scores.items() if name not in (SCENE_HELDOUT, OUTSIDE)}
-    for group in line["scores"].values():
-        group["metrics"] = {name: _without_counts(stats) for name, stats in group["metrics"].items()}
-        if RMSE in group["metrics"]:  # an error of radiance is shown pooled, and relative to the mean radiance
-            stats = group["metrics"][RMSE]
-            group["metrics"][RMSE] = {name: stats[name] for name in ("pooled", "relative") if name in stats}
+    line["scores"] = _published_scores(job)
     if "footprints" in line:
         line["footprints"] = {side: _without_counts(stats) for side, stats in line["footprints"].items()}
     if "pairs" in line:  # of parts of a group the scores have counts
@@ -383,6 +377,18 @@ def published_job(job: Job, folder: Path) -> Job:
     if slices is not None:
         line["slices"] = {PSNR: packed(slices)}
     return line
+
+
+def _published_scores(job: Job) -> dict[str, Group]:
+    """The scores of a job that tables show, by group of pairs."""
+    scores = read_scores(job["scores"])
+    shown = {name: group for name, group in scores.items() if name not in (SCENE_HELDOUT, OUTSIDE)}
+    for group in shown.values():
+        group["metrics"] = {name: _without_counts(stats) for name, stats in group["metrics"].items()}
+        if RMSE in group["metrics"]:  # an error of radiance is shown pooled, and relative to the mean radiance
+            stats = group["metrics"][RMSE]
+            group["metrics"][RMSE] = {name: stats[name] for name in ("pooled", "relative") if name in stats}
+    return shown
 
 
 def _without_counts(stats: Statistics) -> Statistics:
