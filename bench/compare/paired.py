@@ -75,8 +75,10 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
     for label in labels:
         if label not in known:
             raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
-    obstacle = obstacles(run.jobs, run.published)  # by name of job
-    fine = [job for job in run.jobs if job["status"] == "ok" and job["job"] not in obstacle]
+    # Of a job without the key of its scores nothing says at which pairs it was scored.
+    scored = [job for job in run.jobs if job["status"] == "ok" and "score_key" in job]
+    obstacle = obstacles(scored, run.published)  # by name of job
+    fine = [job for job in scored if job["job"] not in obstacle]
     return against_jobs(run, first, *(job["job"] for job in fine if shown_label(job) in labels))
 
 

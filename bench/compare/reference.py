@@ -268,7 +268,7 @@ def _reduced_record(job: Job, folder: Path, whole: bool) -> Job:
     if whole:
         numbers = (PSNR, "mean")  # of a footprint `PSNR` is the pooled number
     line["footprints"] = {}
-    for side, stats in job["footprints"].items():
+    for side, stats in job.get("footprints", {}).items():
         if side != "1":  # that of one texel is the usual score
             line["footprints"][side] = _reduced_statistics(stats, *numbers)
     line["metrics"] = {name: line["metrics"][name] for name in line["scores"][decides]["metrics"]}

@@ -277,7 +277,7 @@ class Job(Open, total=False):
     fit_key: Annotated[
         FitKey,
         PUBLISHED | CLAIM | APART,
-        Needed("comparison", ("settings", "training")),
+        Needed("comparison", ("version", "settings", "training")),
         Needed("verification", ("version", "code")),
     ]
     fit_seconds: Annotated[NotNegative, RESULTS, Shown("CPU", "s", 2)]

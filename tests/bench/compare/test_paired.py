@@ -93,6 +93,8 @@ def test_codecs_of_a_reference_whose_jobs_name_no_run_are_compared(make):
         del job["run"]
         jobs.append(job)
     assert against(make.run("reference", *jobs), "pca", ["vq"]).over["vq"].mean == 1.0
+    del jobs[1]["score_key"]
+    assert against(make.run("unknown pairs", *jobs), "pca", ["vq"]).over == {}
 
 
 def test_a_job_beside_published_ones_has_the_slices_of_its_own_folder(make, tmp_path):
