@@ -168,7 +168,9 @@ def current_versions(codec: str, recipe: str = "", entries: Mapping[str, EntryPo
     installed, or if its source does not state its version as a number. `entries` are the `codec_entries`, for a caller
     that has them.
     """
-    entry = (codec_entries() if entries is None else entries).get(codec)
+    if entries is None:
+        entries = codec_entries()
+    entry = entries.get(codec)
     if entry is None:
         return {}
     module, class_name = _module_and_class(entry)

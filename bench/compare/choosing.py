@@ -131,7 +131,7 @@ def has_validation(job: Job) -> bool:
 
 def usable_rungs(choices: list[Timing], material: str) -> list[Rung]:
     """The choices of a material that have scores of validation pairs, as rungs: sizes are in bytes, and times those of
-    `longest_ns`. The uncompressed table is none."""
+    `longest_ns`. The uncompressed table is left out."""
     rungs = []
     for row in choices:
         if row["material"] != material or "error" in row:  # one with an error was not measured

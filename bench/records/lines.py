@@ -175,8 +175,12 @@ def load_run(folder: str | Path) -> Run:
     """
     path = Path(folder) if str(folder).endswith(".jsonl") else Path(folder) / FILE
     if not path.is_file():
-        absent = "no such file" if path == Path(folder) else "no such folder"
-        what = f"no run here (no {FILE})" if Path(folder).exists() else absent
+        if Path(folder).exists():
+            what = f"no run here (no {FILE})"
+        elif path == Path(folder):
+            what = "no such file"
+        else:
+            what = "no such folder"
         raise InputError(f"{folder}: {what}: give the folder that `neubtf-bench run` wrote, or a file of its records")
     run = Run(path.parent)
     try:
@@ -199,10 +203,10 @@ def load_together(
 ) -> Run:
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
-    Warns of lines that cannot be read, which are left out. If two runs measured the same job, the later one counts;
-    `InputError` if they used different data. Jobs with a result that are not `wanted` replace no other job. With
-    `beside`, files of records come first, and a job of a folder that used other data than theirs stands beside theirs
-    under another name, without its timing.
+    The paths in the records of several runs become absolute. Warns of lines that cannot be read, which are left out. If
+    two runs measured the same job, the later one counts; `InputError` if they used different data. Jobs with a result
+    that are not `wanted` replace no other job. With `beside`, files of records come first, and a job of a folder that
+    used other data than theirs stands beside theirs under another name, without its timing.
     """
     paths: list[Path] = []
     for source in sources:
