@@ -128,7 +128,7 @@ class Density:
         return max(0, math.ceil(math.log2(texels))) + 1
 
     def draw(self, count: int, shape: tuple[int, int], generator: torch.Generator) -> Drawn:
-        """`count` random samples of the window at a resolution.
+        """`count` random samples of the window at the resolution `shape`, (H, W) texels.
 
         A texel is drawn at a random place in the footprint of a query, or within half a texel of its centre if that is
         larger, so that the four texels around it are drawn in the proportions of bilinear interpolation.
@@ -321,7 +321,7 @@ def settings_dict(codec: Configured) -> dict[str, Any]:
 
 def setting_names(codec: type[Configured]) -> set[str]:
     """The names of the settings of a codec."""
-    return {field.name for field in dataclasses.fields(codec.Settings)} | set(COMMON)
+    return {each.name for each in dataclasses.fields(codec.Settings)} | set(COMMON)
 
 
 def described_settings(codec: type[Configured]) -> list[Setting]:

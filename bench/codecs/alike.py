@@ -87,7 +87,8 @@ def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str,
     Where some jobs are `published`, they say which data and pairs a material has, whatever newer jobs have.
     """
     finished = [job for job in jobs if job["status"] == "ok"]
-    finished.sort(key=lambda job: str(job["run"]))  # the names of runs begin with their time, so the newest is last
+    # The names of runs begin with their time, so the newest is last. Jobs of a reference do not name theirs.
+    finished.sort(key=lambda job: str(job.get("run", "")))
     newest = _Newest.of(finished, published)
     outside = cache(from_outside)  # which reads what every installed package says of itself
     reasons_by_job = {}

@@ -88,7 +88,10 @@ class Programs(Codec):
         return digest.hexdigest()
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Run the program that encodes. `CodecError` says how it failed."""
+        """Run the program that encodes, and store the files that it wrote.
+
+        `InputError` if a command line lacks a placeholder; `CodecError` says how the program failed.
+        """
         for setting, needed in (("encode", ("{btf}", "{files}")), ("decode", ("{files}",))):
             command = getattr(self.settings, setting)
             absent = [word for word in needed if word not in command]
@@ -115,9 +118,10 @@ class Programs(Codec):
             message = _end_of_output(error.stderr.decode(errors="replace"))
             raise CodecError(f"{words[0]}: ended with code {error.returncode}: {message}") from error
         except subprocess.TimeoutExpired as error:
-            raise CodecError(f"{words[0]}: took longer than seconds = {self.settings.seconds:g}") from error
+            limit = f"seconds = {self.settings.seconds:g}"
+            raise CodecError(f"{words[0]}: took longer than {limit}: raise that setting") from error
         except OSError as error:
-            raise CodecError(f"{words[0]}: cannot be started ({error.strerror})") from error
+            raise CodecError(f"{words[0]}: cannot be started ({error.strerror}): check its path") from error
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """A material that asks the program. `ContainerError` if the user has not permitted the program."""
@@ -128,7 +132,7 @@ class Programs(Codec):
             )
         names = json.loads(parts.other[NAMES].numpy().tobytes())
         if any(Path(name).name != name for name in names):  # they could lead out of the program's folder
-            raise ContainerError("it holds files whose names are paths")
+            raise ContainerError("it holds files whose names are paths: encode it again")
         height, width = map(int, parts.other[SIZE])
         contents = {}  # the bytes of each file by name; its tensor is named by its number: see `_parts_of_folder`
         for number, name in enumerate(names):
@@ -176,10 +180,10 @@ def _parts_of_folder(folder: Path, size: tuple[int, int], command: str) -> Parts
     """
     files = sorted(folder.iterdir())
     if not files:
-        raise CodecError(f"{command}: it wrote no file into {{files}}")
+        raise CodecError(f"{command}: it wrote no file into {{files}}: write what is to be stored there")
     for file in files:
         if file.is_symlink() or not file.is_file():
-            raise CodecError(f"{command}: {file.name} in {{files}} is not a regular file")
+            raise CodecError(f"{command}: {file.name} in {{files}} is not a regular file: write plain files there")
     texture = {f"{i:04d}": torch.from_numpy(np.fromfile(file, np.uint8)) for i, file in enumerate(files)}
     names = json.dumps([file.name for file in files]).encode()
     other = {NAMES: torch.frombuffer(bytearray(names), dtype=torch.uint8), SIZE: torch.tensor(size)}
@@ -213,7 +217,7 @@ class ProgramMaterial(Material):
             try:
                 self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log)
             except OSError as error:
-                raise CodecError(f"{words[0]}: cannot be started ({error.strerror})") from error
+                raise CodecError(f"{words[0]}: cannot be started ({error.strerror}): check its path") from error
         assert self.process.stdin
         assert self.process.stdout
         self.asks = self.process.stdin  # pipes to the program and from it
@@ -222,7 +226,10 @@ class ProgramMaterial(Material):
         weakref.finalize(self, _end, self.process, scratch)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """Write the queries to a file, ask the program, and read its answers (n, 3) from another file."""
+        """Write the queries to a file, ask the program, and read its answers (n, 3) from another file.
+
+        `CodecError` if it gives none in time, or answers with anything else than (n, 3) finite numbers.
+        """
         self.batches += 1
         queries = self.folder / f"queries-{self.batches}.npy"
         answers = self.folder / f"answers-{self.batches}.npy"
@@ -233,14 +240,19 @@ class ProgramMaterial(Material):
         self.waited += time.perf_counter() - start
         self.queries += len(rows)
         try:
-            values = np.load(answers, allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
-            raise CodecError(f"{self.command}: its answers cannot be read ({error})") from error
-        if values.shape != (len(rows), 3) or not np.isfinite(values).all():
-            raise CodecError(f"{self.command}: it answered {values.shape} instead of ({len(rows)}, 3) finite numbers")
+            with np.errstate(over="ignore"):  # a larger number than float32 holds becomes infinite
+                values = np.asarray(np.load(answers, allow_pickle=False), np.float32)
+        except (OSError, ValueError, TypeError, EOFError) as error:
+            remedy = "write a float32 array in the format .npy"
+            raise CodecError(f"{self.command}: its answers cannot be read ({error}): {remedy}") from error
+        if values.shape != (len(rows), 3):
+            remedy = "write one row of linear RGB for each query"
+            raise CodecError(f"{self.command}: it answered {values.shape} instead of ({len(rows)}, 3): {remedy}")
+        if not np.isfinite(values).all():
+            raise CodecError(f"{self.command}: it answered numbers that are not finite in float32: guard against them")
         queries.unlink()
         answers.unlink()
-        return torch.from_numpy(values.astype(np.float32)).to(uv.device)
+        return torch.from_numpy(values).to(uv.device)
 
     def _ask(self, queries: Path, answers: Path) -> None:
         """Send the line that names the two files, and wait for the program's line. `CodecError` if none comes."""
@@ -252,7 +264,8 @@ class ProgramMaterial(Material):
             while b"\n" not in line:  # part by part: a program may hang within its line
                 ready, _, _ = select.select([self.answers], [], [], max(0.0, end - time.perf_counter()))
                 if not ready:
-                    raise CodecError(f"{self.command}: it gave no answer within seconds = {self.seconds:g}")
+                    limit = f"seconds = {self.seconds:g}"
+                    raise CodecError(f"{self.command}: it gave no answer within {limit}: raise that setting")
                 part = os.read(self.answers.fileno(), LINE)
                 if not part:  # it has ended
                     break

@@ -125,9 +125,13 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
     from bench.codec import ZSTD, SharedNetwork, settings_dict
 
     _check_parts(codec, parts)
-    tensors: dict[str, dict[str, Tensor]] = {part: getattr(parts, part) for part in PARTS if getattr(parts, part)}
-    if codec.zstd:
-        tensors = {part: {ZSTD: compressed(b"".join(_packed({}, {part: tensors[part]})))} for part in tensors}
+    tensors: dict[str, dict[str, Tensor]] = {}
+    for part in PARTS:
+        of_part = getattr(parts, part)
+        if of_part and codec.zstd:  # they become one tensor
+            of_part = {ZSTD: compressed(b"".join(_packed({}, {part: of_part})))}
+        if of_part:
+            tensors[part] = of_part
     settings = settings_dict(codec)
     fields: dict[str, Any] = {"codec": codec.name, "version": codec.version_of(settings), "settings": settings}
     if isinstance(codec, SharedNetwork):
@@ -264,7 +268,8 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
         if header.settings.get(ZSTD):  # the tensor holds all tensors of this part, compressed
             tensors = expanded(tensor, Path(path), budget)
             if name != ZSTD or any(not inner.startswith(f"{part}/") for inner in tensors):
-                raise ContainerError(f"{path}: a compressed part holds tensors of another, or is not alone in its own")
+                fault = "a compressed part holds tensors of another, or is not alone in its own"
+                raise ContainerError(f"{path}: {fault}: encode it again")
             budget -= sum(values.nbytes for values in tensors.values())
         getattr(parts, part).update({inner.split("/", 1)[1]: values for inner, values in tensors.items()})
     return header, parts
@@ -285,9 +290,9 @@ def _loaded(label: str, entries: Mapping[str, Entry], payload: memoryview) -> "d
         numbers.numpy().data[:] = payload[begin : begin + size]
         begin += size
         if tensor.is_floating_point() and not tensor.isfinite().all():
-            raise ContainerError(f"{label}: tensor {name} holds numbers that are not finite")
+            raise ContainerError(f"{label}: tensor {name} holds numbers that are not finite: encode it again")
         if tensor.dtype == torch.bool and (numbers > 1).any():
-            raise ContainerError(f"{label}: tensor {name} holds truth values other than 0 and 1")
+            raise ContainerError(f"{label}: tensor {name} holds truth values other than 0 and 1: encode it again")
         tensors[name] = tensor
     return tensors
 
@@ -359,7 +364,8 @@ def _opened(label: str, lengths: bytes, body: memoryview) -> tuple[dict[str, Any
     deflated, expanded_bytes = LENGTHS.unpack(lengths)
     longest = max(deflated, expanded_bytes)
     if longest > HEADER_LIMIT:
-        raise ContainerError(f"{label}: a header of {longest:,} bytes, but the limit is {HEADER_LIMIT:,}")
+        fault = f"a header of {longest:,} bytes, but the limit is {HEADER_LIMIT:,}"
+        raise ContainerError(f"{label}: {fault}: copy it again")
     if deflated > len(body):
         short = f"its header has {len(body)} of {deflated} bytes"
         raise ContainerError(f"{label}: truncated: {short}: copy it again")
@@ -415,7 +421,7 @@ def _entries(label: str, tensors: object) -> dict[str, Entry]:
                     raise ValueError
                 entries[full] = _entry(listed)
             except (KeyError, ValueError, TypeError) as error:
-                raise ContainerError(f"{label}: tensor {full!r:.60} is not sound") from error
+                raise ContainerError(f"{label}: tensor {full!r:.60} is not sound: encode it again") from error
     return entries
 
 
@@ -450,14 +456,15 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
     zstandard = _zstandard(str(path))
     label = f"{path}: a compressed part"
     if str(payload.dtype) != "torch.uint8":
-        raise ContainerError(f"{label} is {payload.dtype}, not bytes")
+        raise ContainerError(f"{label} is {payload.dtype}, not bytes: encode it again")
     packed = payload.numpy().tobytes()
     try:
         if not LENGTHS.size <= zstandard.frame_content_size(packed) <= most:
-            raise ContainerError(f"{label} gives no size, or one too small for a header or far too large for the file")
+            fault = "gives no size, or one too small for a header or far too large for the file"
+            raise ContainerError(f"{label} {fault}: encode it again")
         data = memoryview(zstandard.ZstdDecompressor().decompress(packed))
     except zstandard.ZstdError as error:
-        raise ContainerError(f"{label} is not sound ({error})") from error
+        raise ContainerError(f"{label} is not sound ({error}): encode it again") from error
     _, entries, numbers = _opened(label, bytes(data[: LENGTHS.size]), data[LENGTHS.size :])
     return _loaded(label, entries, numbers)
 

@@ -39,7 +39,8 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     path = Path(path)
     header, parts = read_parts(path)
     if header.kind == SHARED:
-        raise ContainerError(f"{path}: not a material, but the network that codec {header.codec} shares over materials")
+        fault = f"not a material, but the network that codec {header.codec} shares over materials"
+        raise ContainerError(f"{path}: {fault}: give the file of a material")
     codec_class = registry.load_codec(header.codec, wanted_by=str(path))
     installed = codec_class.version_of(header.settings)
     if header.version != installed:
@@ -60,7 +61,8 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
         if math.prod(material.size) > max(LEAST_TEXELS, MOST_TEXELS * numbers):
-            raise ContainerError(f"a picture of {material.size} texels is far too large for {numbers:,} numbers")
+            fault = f"a picture of {material.size} texels is far too large for {numbers:,} numbers"
+            raise ContainerError(f"{fault}: encode it again")
     except ContainerError as error:
         raise ContainerError(f"{path}: {error}") from error
     except CodecError as error:
@@ -119,11 +121,10 @@ def _check_answers(material: Material) -> None:
 
 
 class DecodedSource(Source):
-    """A decoded material at the pairs wo, wi (N, 3), to be written like any BTF; `identity` names its file."""
+    """A decoded material at the pairs wo, wi (N, 3), to be written like any BTF."""
 
     def __init__(self, material: Material, wo: np.ndarray, wi: np.ndarray, identity: str):
-        """A decoded material at pairs wo, wi (N, 3); `identity` is the hash of its file, which stands for its
-        content."""
+        """`identity` is the hash of the material's file, which stands for its content."""
         self.material = material
         self.wo = wo
         self.wi = wi

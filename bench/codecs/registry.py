@@ -110,8 +110,13 @@ def origin(entry: EntryPoint) -> str:
 
 def describe(entry: EntryPoint) -> str:
     """The first line of a codec's docstring, read from its source, so that listing imports no PyTorch."""
-    module, class_name = entry.value.split(":")
-    return first_line(module, class_name)
+    return first_line(*_module_and_class(entry))
+
+
+def _module_and_class(entry: EntryPoint) -> tuple[str, str]:
+    """The names of a codec's module and of its class; "" where the entry point of another package names no class."""
+    module, _, class_name = entry.value.partition(":")
+    return module, class_name
 
 
 def listed(entry: EntryPoint) -> str:
@@ -128,7 +133,7 @@ def reference(entry: EntryPoint) -> dict[str, str]:
     """What a codec's docstring says of its origin: `bibtex`, one entry, the link of its `paper`, and of its `code`.
 
     The paper's link is the entry's doi or url; the code's follows "Code: ". Each is "" where there is none. If the
-    docstring says "Cited as `NAME`.", all three are those of the codec of that name.
+    docstring says "Cited as `NAME`.", all three are those that the codec of that name states itself.
     """
 
     def first_match(pattern: str, text: str) -> str:
@@ -138,12 +143,11 @@ def reference(entry: EntryPoint) -> dict[str, str]:
             return ""
         return match[1] if match.re.groups else match[0]
 
-    module, class_name = entry.value.split(":")
-    text = _docstring(module, class_name)
+    text = _docstring(*_module_and_class(entry))
     cited_as = first_match(r"^Cited as `([\w-]+)`\.$", text)
     another = codec_entries().get(cited_as)
-    if another is not None and another.name != entry.name:  # a codec that cites itself would never end
-        return reference(another)
+    if another is not None:
+        text = _docstring(*_module_and_class(another))
     bibtex = first_match(r"^@\w+\{.*?^\}$", text)
     paper = first_match(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
     doi = first_match(r"\bdoi = \{([^{}\s]+)\}", bibtex)
@@ -160,14 +164,16 @@ def first_line(module: str, class_name: str = "") -> str:
 def current_versions(codec: str, recipe: str = "", entries: Mapping[str, EntryPoint] | None = None) -> dict[str, int]:
     """The installed `version` of a codec, and that of the `store` of textures, as a fit key names them.
 
-    If the recipe has a version of its own, `version` is that. Both are read from the source.
-    Empty if no such codec is installed, or if its source does not state its version as a number. `entries` are those of
-    `codec_entries`, for who has them.
+    If the recipe has a version of its own, `version` is that. Both are read from the source. Empty if no such codec is
+    installed, or if its source does not state its version as a number. `entries` are the `codec_entries`, for a caller
+    that has them.
     """
-    entry = (codec_entries() if entries is None else entries).get(codec)
+    if entries is None:
+        entries = codec_entries()
+    entry = entries.get(codec)
     if entry is None:
         return {}
-    module, _, class_name = entry.value.partition(":")
+    module, class_name = _module_and_class(entry)
     version = _assigned(module, class_name, "version")
     recipe_versions = _assigned(module, class_name, "recipe_versions")  # by recipe; None if none has its own
     if recipe_versions is not None:
@@ -200,7 +206,7 @@ def _assigned(module: str, class_name: str, wanted: str) -> Any:
             value = ast.literal_eval(statement.value)
         except ValueError:  # an expression
             continue
-        if isinstance(value, tuple):  # as in `name, version = "pca", 4`: names and values have the same places
+        if isinstance(target, ast.Tuple):  # as in `name, version = "pca", 4`: names and values have the same places
             return value[names.index(wanted)]
         return value
     return None

@@ -50,22 +50,27 @@ def read(path: Path) -> TrainedNetwork:
 
 def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
     """The shared network that a file holds. `ContainerError` if the file is a material, or is not complete."""
+    remedy = f"make one with `neubtf-bench pretrain {header.codec}`"
     if header.kind != container.SHARED:
-        raise ContainerError(f"{header.path}: it is a material of codec {header.codec}, not a shared network")
+        raise ContainerError(f"{header.path}: it is a material of codec {header.codec}, not a shared network: {remedy}")
     if not {"fingerprints", "origins"} <= parts.other.keys():
-        raise ContainerError(f"{header.path}: it does not say what it was trained on")
+        raise ContainerError(f"{header.path}: it does not say what it was trained on: {remedy}")
     return TrainedNetwork(header.path, header.codec, header.settings, header.sha256, header.file_bytes, parts)
 
 
 def find(codec: str, path: Path | None = None) -> TrainedNetwork:
-    """Read a codec's shared network from `path` or its default place. `MissingDataError` says how to get it."""
+    """Read a codec's shared network from `path` or its default place.
+
+    `MissingDataError` says how to get it; `ContainerError` if the file is damaged, or holds something else.
+    """
     if path is None:
         path = place(codec)
     if not path.exists():
         raise missing_network(codec, path)
     network = read(path)
     if network.codec != codec:
-        raise ContainerError(f"{path}: this is the network of codec {network.codec}, not of {codec}")
+        fault = f"this is the network of codec {network.codec}, not of {codec}"
+        raise ContainerError(f"{path}: {fault}: make that with `neubtf-bench pretrain {codec}`")
     return network
 
 

@@ -24,7 +24,7 @@ class SlicesMaterial(Material):
     opaque = True
 
     def __init__(self, decoded: BTF, truth: BTF):
-        """Find the decoded slice of each pair of the truth. `InputError` if some have none."""
+        """Find the decoded slice of each pair of the truth."""
         super().__init__(decoded.shape, DecoderCost())
         self.decoded = decoded
         # Pairs as points (N, 6), whose distances are angles in radians where they are small.
@@ -47,6 +47,9 @@ class SlicesMaterial(Material):
     def boxes(
         self, wo: Sequence[float], wi: Sequence[float], factors: Sequence[int], size: tuple[int, int] | None = None
     ) -> dict[int, Tensor]:
-        """The stored slice of a pair, which must be one of `truth`; its size is always its own, whatever `size` is."""
+        """The stored slice of a pair, which must be one of `truth`, at each factor: (H // factor, W // factor, 3).
+
+        It is linear RGB, the mean over boxes of factor × factor texels. Its size is its own, whatever `size` is.
+        """
         decoded = self.decoded[self.pair_of[*wo, *wi]]
         return {factor: torch.from_numpy(box_filter(decoded, factor)).clamp_min(0) for factor in factors}

@@ -131,7 +131,7 @@ def has_validation(job: Job) -> bool:
 
 def usable_rungs(choices: list[Timing], material: str) -> list[Rung]:
     """The choices of a material that have scores of validation pairs, as rungs: sizes are in bytes, and times those of
-    `longest_ns`. The uncompressed table is none."""
+    `longest_ns`. The uncompressed table is left out."""
     rungs = []
     for row in choices:
         if row["material"] != material or "error" in row:  # one with an error was not measured
@@ -228,7 +228,10 @@ def name_of_choice(row: Timing) -> str:
     """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
     if is_plain(row):
         return str(row["label"])
-    return f"{row['label']} [{variant_of(row)}{', emulated' if row.get('emulated') else ''}]"
+    variant = variant_of(row)
+    if row.get("emulated"):
+        variant += ", emulated"
+    return f"{row['label']} [{variant}]"
 
 
 def choice_in_words(row: Timing) -> str:
@@ -240,7 +243,7 @@ def choice_in_words(row: Timing) -> str:
 
 
 def _decibels(value: float | None) -> str:
-    """A PSNR in words: "exact" from `MOST_DB` on."""
+    """A PSNR in words: "exact" from `MOST_DB` on, "no number" for None."""
     if value is None:
         return "no number"
     if value >= MOST_DB:

@@ -12,7 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatch, fnmatchcase
+from fnmatch import fnmatchcase
 from itertools import chain
 from statistics import fmean
 
@@ -83,10 +83,10 @@ def compare(
     Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
     """
     check_whole(base)
-    # The jobs of both runs that are compared, and their times.
     every = [*base.jobs, *new.jobs]
     check_names("material", materials, {job["material"] for job in every})
     check_names("codec", codecs, {codec_of(job["label"]) for job in every})
+    # The jobs of both runs that are compared, and their times.
     before = _jobs_to_compare(base, materials, codecs)
     after = _jobs_to_compare(new, materials, codecs)
     before = _with_current_labels(before, after)  # a default that changed, changes labels
@@ -303,11 +303,12 @@ def _conditions(start: RunStart) -> dict[str, object]:
 def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str] = ()) -> tuple[str, int]:
     """Compare two stress tests cell by cell; returns the cells that got worse, as text, and the exit code.
 
-    A stress test asks each codec at extremes, such as grazing directions; a cell is `CODEC: EXTREME`.
+    A stress test asks each codec at extremes, such as grazing directions; a cell is `CODEC: EXTREME`. Cells of `codecs`
+    are compared, by default those of all codecs of the base. `allow` has patterns of cells that may get worse.
 
     A codec's version does not matter: an extreme that held must still hold; see `docs/stress.md`. The code is 1 if a
-    cell that `allow` does not name got worse, 4 if the two have no cell in common. Raises `InputError` for a codec that
-    neither has, and for a damaged base.
+    cell that `allow` does not name got worse, 4 if the two have no cell in common, else 0. Raises `InputError` for a
+    codec that neither has, and for a damaged base.
     """
     check_whole(base)
     subjects_of_base = {record["subject"] for record in base.stress}  # names of codecs
@@ -325,7 +326,7 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
     for name, before in cells_of_base.items():
         if before["verdict"] != "pass":  # what did not hold cannot get worse
             continue
-        if any(fnmatch(name, pattern) for pattern in allow):
+        if any(fnmatchcase(name, pattern) for pattern in allow):
             continue
         after = cells_of_new.get(name)
         if after is None:

@@ -21,10 +21,8 @@ from bench.inputs.errors import visible
 from bench.records import Run, by_row
 
 MOST_ANNOTATIONS = 10  # annotations of each kind in a step: GitHub shows no more
-FILES = {
-    "higher": "bigger-is-better.json",
-    "lower": "smaller-is-better.json",
-}  # that tool takes one direction a file
+# By the better end: github-action-benchmark takes one direction a file.
+FILES = {"higher": "bigger-is-better.json", "lower": "smaller-is-better.json"}
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -114,7 +112,7 @@ def _legal(text: str) -> str:
 
 
 def tracker(run: Run) -> dict[str, str]:
-    """The text of each of `FILES` by its name: of each row of finished jobs, the means over seeds and the time."""
+    """The text of each of `FILES` by its name: the means over seeds of each row of finished jobs, and its time."""
     entries: dict[str, list[dict[str, Any]]] = {name: [] for name in FILES.values()}
     rows = by_row(job for job in run.jobs if job["status"] == "ok")
     timed = multiples(list(chain.from_iterable(rows.values())), list(run.timings))
@@ -137,7 +135,7 @@ def tracker(run: Run) -> dict[str, str]:
 
 
 def _entry(name: str, unit: str, values: list[float]) -> dict[str, Any]:
-    """One number of a tracker: the mean of values, one a seed; of several with half of their range."""
+    """One number of a tracker: the mean of `values`, one a seed; with half of their range if there are several."""
     mean = math.fsum(values) / len(values)
     half_range = (max(values) - min(values)) / 2
     entry: dict[str, Any] = {"name": name, "unit": unit, "value": float(f"{mean:.7g}")}

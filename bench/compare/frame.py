@@ -11,7 +11,7 @@ that name or judge the job come first:
 - `fitted_to_scene`: whether its file answers for one scene alone, so that it is ranked nowhere
 - `bits`: of the whole file, a texel
 - `eager`, `fused`, `gpu`: the time of a sample, × floor, a median, by the rules of tables of budgets
-- `fit_seconds`: of a processor
+- `fit_seconds`: the processor time of the fit
 - `codec_version`, `training`, `device`, `threads`: of its fit; `started`, `suite`, `git`, `processor`, `package/…`: of
   its run
 
@@ -49,7 +49,7 @@ from bench.records import (
 if TYPE_CHECKING:
     import pandas as pd
 
-EAGER, FUSED = "eager", "fused"  # kinds of times of a query
+EAGER, FUSED, GPU = "eager", "fused", "gpu"  # kinds of times of a query
 _START_TIME = "%Y%m%dT%H%M%S.%f"
 _NEEDED = ("run", "score_key")  # fields of a finished job without which nothing says whether it is comparable
 _COSTS = {  # columns that are no metrics: unit; lower is better
@@ -87,7 +87,10 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> "pd
 
 
 def frame_of(run: Run, records: bool = True) -> "pd.DataFrame":
-    """The jobs of a run, or of several that were loaded as one, in its order; or only the columns before `records`."""
+    """The jobs of a run, or of several that were loaded as one, in its order.
+
+    Without `records`, only with the columns that name or judge the job.
+    """
     return _framed(list(values_of(run, records=records)), run.jobs)
 
 
@@ -160,24 +163,18 @@ def _units_and_directions(
 
 
 def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: bool = True) -> Iterator[_Row]:
-    """Each job of a run by column of the frame, None or absent where it has no value; see `frame_of`.
+    """The row of each job of a run: values by column of the frame, None or absent where it has none.
 
-    `on_gpu` has the timing of settings on a GPU, by label; by default those of the run.
+    `on_gpu` has the timing of settings on a GPU, by label; by default those of the run. `records` is as in `frame_of`.
     """
     starts = {start.get("run"): start for start in reversed(run.starts)}  # files of published records may have none
     surfaces = {job["material"]: kind_of(job) for job in run.jobs if job["status"] == "ok"}
     reasons = _reasons(run)
     versions = stale(run.jobs)
     comparable = [job for job in run.jobs if job["job"] not in reasons]
-    fused = fused_times(run)
     if on_gpu is None:
         on_gpu = gpu_times(run)
-    times = _times_of(run, comparable, fused)
-    times_on_gpu = {}
-    for job in comparable:
-        timing = on_gpu.get(job["label"], Timing())
-        if "ratio_to_floor" in timing:
-            times_on_gpu[job["job"]] = timing["ratio_to_floor"]
+    times = _times_of(run, comparable, on_gpu)
     for job in run.jobs:
         name = job["job"]
         fit = job.get("fit_key", FitKey())
@@ -199,7 +196,7 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
             "bits": _bits(job),
             "eager": times[EAGER].get(name),
             "fused": times[FUSED].get(name),
-            "gpu": times_on_gpu.get(name),
+            "gpu": times[GPU].get(name),
             "fit_seconds": job.get("fit_seconds"),
             "codec_version": fit.get("version"),
             "training": fit.get("training"),
@@ -215,25 +212,32 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
         yield {**own, **flattened(job, run.timing(job)), **own} if records else own
 
 
-def _times_of(run: Run, jobs: Sequence[Job], fused: Mapping[str, Timing]) -> dict[str, dict[str, float]]:
-    """The times of a query by kind and name of job, × floor: medians; `fused` has the timings of that kind.
+def _times_of(run: Run, jobs: Sequence[Job], on_gpu: Mapping[str, Timing]) -> dict[str, dict[str, float]]:
+    """The times of a query by kind and name of job, × floor: medians; `on_gpu` is as in `values_of`.
 
     Where settings were timed apart from surfaces, on one machine, no other eager times count.
     """
     names = {job["job"] for job in jobs}
 
     def medians(timing_of: Mapping[str, Timing]) -> dict[str, float]:
-        """The time of each job."""
+        """The time of each of the jobs that has one, of timings by name of job."""
         timed = {name: timing for name, timing in timing_of.items() if name in names and "ratio_to_floor" in timing}
         return {name: float(timing["ratio_to_floor"]) for name, timing in timed.items()}
 
     of_settings = {}
+    of_settings_on_gpu = {}
     for job in jobs:
         timing = run.setting_timing(job)
-        if timing and "ratio_to_floor" in timing:
-            of_settings[job["job"]] = float(timing["ratio_to_floor"])
+        if timing is not None:
+            of_settings[job["job"]] = timing
+        if job["label"] in on_gpu:
+            of_settings_on_gpu[job["job"]] = on_gpu[job["label"]]
     of_jobs = {timing["job"]: timing for timing in run.timings}
-    return {EAGER: of_settings or medians(of_jobs), FUSED: medians(fused)}
+    return {
+        EAGER: medians(of_settings) or medians(of_jobs),
+        FUSED: medians(fused_times(run)),
+        GPU: medians(of_settings_on_gpu),
+    }
 
 
 def _reasons(run: Run) -> dict[str, str]:

@@ -75,8 +75,10 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
     for label in labels:
         if label not in known:
             raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
-    obstacle = obstacles(run.jobs, run.published)  # by name of job
-    fine = [job for job in run.jobs if job["status"] == "ok" and job["job"] not in obstacle]
+    # Of a job without the key of its scores nothing says at which pairs it was scored.
+    scored = [job for job in run.jobs if job["status"] == "ok" and "score_key" in job]
+    obstacle = obstacles(scored, run.published)  # by name of job
+    fine = [job for job in scored if job["job"] not in obstacle]
     return against_jobs(run, first, *(job["job"] for job in fine if shown_label(job) in labels))
 
 
@@ -103,13 +105,14 @@ def against_jobs(run: Run, first: str, *jobs: str) -> Against:
             cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), slices_of)
         except InputError:  # slices of one codec that cannot be read must not cost the table of all others
             continue
-        places = [(differences.over, cells)]
+        over_all = interval(cells)
+        if over_all is None:  # they have no slices to compare
+            continue
+        differences.over[label] = over_all
         for material, cells_of_material in grouped(cells, lambda cell: cell.material).items():
-            places.append((differences.on.setdefault(material, {}), cells_of_material))
-        for place, some_cells in places:
-            found = interval(some_cells)
-            if found is not None:  # None: they have no slices to compare
-                place[label] = found
+            on_material = interval(cells_of_material)
+            if on_material is not None:
+                differences.on.setdefault(material, {})[label] = on_material
     return replace(differences, over=told_apart(differences.over))
 
 
@@ -120,7 +123,10 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
 
 
 def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) -> Interval | None:
-    """The mean difference of the jobs of a row in two runs, seed by seed; None if they have no slices to compare."""
+    """The mean difference in dB, new − base, of the jobs of a row in two runs, seed by seed.
+
+    None if they have no slices to compare. `InputError` if slices cannot be read.
+    """
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
     return interval(_cells(pairs, partial(decibels, base.folder), partial(decibels, new.folder)))
@@ -173,8 +179,8 @@ def interval(cells: Sequence[Cell]) -> Interval | None:
 def decibels(folder: Path, job: Job) -> np.ndarray | None:
     """The PSNR (n,) in dB of each slice of the deciding pairs, in the order of the BTF, at most `MOST_DB`.
 
-    Deciding pairs are the held-out ones, or all pairs if none are held out.
-    It is read from the file beside the record, or from a reference, which stores it packed; None if it is in neither.
+    Deciding pairs are the held-out ones, or all pairs if none are held out. The PSNR is read from the file beside the
+    record, or from a reference, which stores it packed; None if it is in neither. `InputError` if it cannot be read.
     """
     stored = job.get("slices")
     if isinstance(stored, dict):  # of a reference
@@ -185,14 +191,20 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
         except ValueError as error:
             remedy = "make the reference again"
             raise InputError(f"{folder}: the slices of {job['job']} cannot be read ({error}): {remedy}") from error
-    if not stored:
+    if not stored or not (folder / stored).exists():  # the file was not kept with the records
         return None
-    path = folder / stored
-    if not path.exists():  # the file was not kept with the records
-        return None
+    raw = _errors_of_deciding_pairs(folder / stored, job)
+    return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)
+
+
+def _errors_of_deciding_pairs(path: Path, job: Job) -> np.ndarray:
+    """The mean squared error (n,) of each slice of a job's deciding pairs, NaN where the metric does not apply.
+
+    `InputError` if the file at `path` cannot be read.
+    """
     try:
         arrays = read_arrays(path, MAX_FILE, (PSNR, "heldout"))
-        raw = arrays[PSNR]  # mean squared error of each slice; NaN where the metric does not apply
+        raw = arrays[PSNR]
         heldout = arrays["heldout"]
         if raw.ndim != 1 or raw.shape != heldout.shape or (raw.dtype.kind, heldout.dtype.kind) != ("f", "b"):
             raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")
@@ -200,8 +212,8 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
         remedy = "run it again with --fresh"  # else the record is found again, and no slices are written
         raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): {remedy}") from error
     if deciding_group(job["scores"]) == "heldout":
-        raw = raw[heldout]
-    return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)
+        return raw[heldout]
+    return raw
 
 
 def packed(values: np.ndarray) -> str:

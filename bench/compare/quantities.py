@@ -177,7 +177,7 @@ def _mean_psnr(name: str, metric: str, groups: list[str], tolerance: Tolerance) 
     """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
 
     def value(job: Job) -> float | None:
-        """The mean over the groups that have slices; None if it was not measured in one, or none has any."""
+        """The mean over the groups that have slices; None if one of these has no number, or if none has slices."""
         numbers = []
         for group in groups:
             stats = metrics_of(job, group).get(metric)

@@ -268,7 +268,7 @@ def _reduced_record(job: Job, folder: Path, whole: bool) -> Job:
     if whole:
         numbers = (PSNR, "mean")  # of a footprint `PSNR` is the pooled number
     line["footprints"] = {}
-    for side, stats in job["footprints"].items():
+    for side, stats in job.get("footprints", {}).items():
         if side != "1":  # that of one texel is the usual score
             line["footprints"][side] = _reduced_statistics(stats, *numbers)
     line["metrics"] = {name: line["metrics"][name] for name in line["scores"][decides]["metrics"]}
@@ -307,11 +307,16 @@ def _reduced_statistics(stats: Statistics, *numbers: str) -> Statistics:
 def published(run: Run, once: bool = True) -> str:
     """The text of a run's results: a line for each start that produced something, each job and each timing.
 
-    Unless they say what is repeated `once`, each line is whole by itself, as in an archive, whose lines may be altered.
-    `InputError` if there is no result.
+    With `once`, what several lines would repeat is said once, as `_once` describes. Without, each line is whole by
+    itself, as an archive needs it, whose lines may be altered. `InputError` if there is no result, or if a job does not
+    name its run, as in a reference.
     """
     if not any(job["status"] == "ok" for job in run.jobs) and not len(run.timings):
         raise InputError(f"{run.folder}: the run has no results")
+    for job in run.jobs:
+        if "run" not in job:
+            remedy = "give the folder that `neubtf-bench run` wrote"
+            raise InputError(f"{run.folder}: {job['job']} has no 'run', as in a reference: {remedy}")
     jobs = [published_job(job, run.folder) for job in run.jobs]
     timings = [kept(timing, records.RESULTS) for timing in run.timings]
     used = {line["run"] for line in (*jobs, *timings)}
@@ -361,13 +366,7 @@ def published_job(job: Job, folder: Path) -> Job:
         line["file"] = f"files/{Path(job['file']).name}"
     if "fitted" in line:  # the day is that of the scores
         line["fitted"] = {"git": line["fitted"].get("git")}
-    scores = read_scores(job["scores"])
-    line["scores"] = {name: group for name, group in scores.items() if name not in (SCENE_HELDOUT, OUTSIDE)}
-    for group in line["scores"].values():
-        group["metrics"] = {name: _without_counts(stats) for name, stats in group["metrics"].items()}
-        if RMSE in group["metrics"]:  # an error of radiance is shown pooled, and relative to the mean radiance
-            stats = group["metrics"][RMSE]
-            group["metrics"][RMSE] = {name: stats[name] for name in ("pooled", "relative") if name in stats}
+    line["scores"] = _published_scores(job)
     if "footprints" in line:
         line["footprints"] = {side: _without_counts(stats) for side, stats in line["footprints"].items()}
     if "pairs" in line:  # of parts of a group the scores have counts
@@ -378,6 +377,18 @@ def published_job(job: Job, folder: Path) -> Job:
     if slices is not None:
         line["slices"] = {PSNR: packed(slices)}
     return line
+
+
+def _published_scores(job: Job) -> dict[str, Group]:
+    """The scores of a job that tables show, by group of pairs."""
+    scores = read_scores(job["scores"])
+    shown = {name: group for name, group in scores.items() if name not in (SCENE_HELDOUT, OUTSIDE)}
+    for group in shown.values():
+        group["metrics"] = {name: _without_counts(stats) for name, stats in group["metrics"].items()}
+        if RMSE in group["metrics"]:  # an error of radiance is shown pooled, and relative to the mean radiance
+            stats = group["metrics"][RMSE]
+            group["metrics"][RMSE] = {name: stats[name] for name in ("pooled", "relative") if name in stats}
+    return shown
 
 
 def _without_counts(stats: Statistics) -> Statistics:

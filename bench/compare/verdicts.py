@@ -124,20 +124,21 @@ def judge(
     if obstacle:
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=obstacle)
     # Sizes have no metric. Their scatter is judged by their own numbers, a metric's by whether files are the same.
-    certain = False  # whether no chance is in the difference
-    scatters = draws and not same_files
     if quantity.metric:
-        certain = same_files or one_file(reference)
+        certain = same_files or one_file(reference)  # whether no chance is in the difference
+        scatters = draws and not same_files
     else:
+        certain = False
         scatters = not agree(quantity, base, new, reference)
     spread = 0.0 if certain else _spread(values)
     change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:  # it does not decide
         return change
-    chance = None
-    if scatters and quantity.metric and paired:
+    if not scatters:
+        chance = None
+    elif quantity.metric and paired:
         chance = _paired_scatter(values)
-    elif scatters:
+    else:
         chance = scatter(values, after, len(base))
     if certain:
         allowed = quantity.tolerance.certain
@@ -199,7 +200,7 @@ def _difference(base: float | None, new: float | None) -> float | None:
 def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]) -> bool:
     """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic.
 
-    So do fewer than two seeds, which show no scatter, and a quantity without a tolerance.
+    True also for fewer than two seeds, which show no scatter, and for a quantity without a tolerance.
     """
     tolerance = quantity.tolerance
     values = _finite(_scatter_values(quantity, base, new, reference))

@@ -219,12 +219,6 @@ def is_relative(name: str) -> bool:
     return metric is not None and metric.relative
 
 
-def direction_of(family: str) -> str:
-    """Which end is better in a family of built-in metrics: "higher" or "lower"."""
-    (first, *_) = [metric for metric in REGISTERED if (metric.family or metric.name) == family]
-    return first.direction
-
-
 def stats_of(job: Job, family: str, group: str = "") -> Statistics:
     """The statistics of a family's metric over a group, by default the deciding one; empty if there are none."""
     metrics = metrics_of(job, group)
@@ -274,8 +268,9 @@ def read_scores(scores: Mapping[str, Group]) -> dict[str, Group]:
             chosen = _chosen(group, _OF_PART)
         else:
             continue
-        count: Group = {"slices": group["slices"], "metrics": chosen} if "slices" in group else {"metrics": chosen}
-        found[name] = count
+        found[name] = {"metrics": chosen}
+        if "slices" in group:  # in records, the count comes first
+            found[name] = {"slices": group["slices"], "metrics": chosen}
     return found
 
 

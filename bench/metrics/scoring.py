@@ -22,7 +22,7 @@ from bench.inputs.errors import InputError
 from bench.machine.threads import cores
 from bench.metrics.angular import as_number, bins, grazing, polar_map
 from bench.metrics.base import Picture, SliceMetric, check_radiance
-from bench.metrics.description import Metric
+from bench.metrics.description import PERIODIC, Metric
 from bench.metrics.display import display_error, exposure_of, sample
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
 from bench.records import PSNR, Group, Statistics
@@ -71,8 +71,8 @@ class Scorer:
     """Scores any number of codecs against one BTF.
 
     `names` are metrics of the registry, by default `bench.metrics.DEFAULTS`; `exposure` is that of the material,
-    by default measured of `sampled` (None: of the BTF itself). `cache_bytes` limits the cache of the reference between
-    codecs.
+    by default measured of `sampled` (None: of the BTF itself). `threads` compute metrics, by default one on each core.
+    `cache_bytes` limits the cache of the reference between codecs.
 
     Raises `InputError` for an unknown metric, and for a periodic one if the BTF is not periodic.
     """
@@ -97,7 +97,8 @@ class Scorer:
         described = {name: registry.get(name) for name in self.names}
         for name, metric in described.items():
             if metric.periodic and not btf.periodic:
-                raise InputError(f"{name} is only for materials that repeat, and {btf.name} does not")
+                plain = name.removesuffix(PERIODIC)
+                raise InputError(f"{name} is only for materials that repeat, and {btf.name} does not: choose {plain}")
         self.metrics = {name: metric.load() for name, metric in described.items()}
         # Sampling reads slices, so it is done only if something is measured of them: the exposure, or constants of a
         # metric.
@@ -164,11 +165,10 @@ class Scorer:
         `block` are the n pairs of the stack, `truth` and `test` (n, H, W, 3); `truth` is None if the reference is
         cached. Returns the pairs, the reference, and the result as `_blocks` yields it.
         """
-        name = f"reference slices of pairs {block[0]} to {block[-1]}"
         if truth is None:
             reference = self._cached[block]
         else:
-            true_picture = Picture(truth, self.exposure, name)
+            true_picture = Picture(truth, self.exposure, f"reference slices of pairs {block[0]} to {block[-1]}")
             sides = {name: metric.reference_side(true_picture) for name, metric in self._applicable.items()}
             # Pictures are planar, (3, n, H, W): the mean over all axes but that of the slices.
             reference = _Reference(sides, true_picture.log1p, true_picture.linear.mean((0, -2, -1)))
@@ -321,11 +321,12 @@ def _group(scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str
     result: Group = {"slices": len(pairs), "radiance": radiance, "metrics": {}, "bins": {}}
     for name, (description, metric) in loaded.items():
         raw = scores.raw[name][chosen]
-        stats = _statistics(metric, raw[~np.isnan(raw)])
+        measured = raw[~np.isnan(raw)]
+        stats = _statistics(metric, measured)
         if description.relative:
             stats["relative"] = _relative(stats["pooled"], radiance)
         if description.decibels:
-            stats["worst"] = worst(metric.values(raw[~np.isnan(raw)]))
+            stats["worst"] = worst(metric.values(measured))
         result["metrics"][name] = stats
         result["bins"][name] = bins(wo[pairs], wi[pairs], raw, metric.pool)
     return result

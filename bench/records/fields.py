@@ -95,7 +95,8 @@ def _told(value: Any, error: "ValidationError") -> str:
     place, held = _place(value, first["loc"])
     if first["type"] == "missing":
         return f"{place}/{first['loc'][-1]} is missing".lstrip("/")
-    # Of a field of several types there is an error for each type.
+    # Of a field of several types there is an error for each type. pydantic's "Input should be a valid string" becomes
+    # "must be a valid string".
     words = [first["msg"], *(each["msg"] for each in others if _place(value, each["loc"])[0] == place)]
     told = " or ".join(dict.fromkeys(words)).removeprefix("Value error, ")
     told = re.sub("^(Input|List|String) should", "must", told.replace(" or Input should be", " or"))

@@ -1,7 +1,7 @@
 """The records of a run: one JSON object per line, appended and synced as soon as it is known.
 
-`RUN/records.jsonl` holds four kinds of line: `run` (provenance, once a start), `job` (one cell of a suite: what was
-encoded, its bytes, its errors, or why it failed), `timing` (one codec, setting or choice of a trade, timed in turns
+`RUN/records.jsonl` holds four kinds of line: `run` (provenance, once a start), `job` (the result of a job: what
+was encoded, its bytes, its errors, or why it failed), `timing` (one codec, setting or choice of a trade, timed in turns
 with others) and `stress` (one extreme tried on one codec or metric). Paths in records are relative to the run's folder.
 Imports neither PyTorch nor pandas.
 
@@ -15,6 +15,7 @@ import os
 import re
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
@@ -174,8 +175,12 @@ def load_run(folder: str | Path) -> Run:
     """
     path = Path(folder) if str(folder).endswith(".jsonl") else Path(folder) / FILE
     if not path.is_file():
-        absent = "no such file" if path == Path(folder) else "no such folder"
-        what = f"no run here (no {FILE})" if Path(folder).exists() else absent
+        if Path(folder).exists():
+            what = f"no run here (no {FILE})"
+        elif path == Path(folder):
+            what = "no such file"
+        else:
+            what = "no such folder"
         raise InputError(f"{folder}: {what}: give the folder that `neubtf-bench run` wrote, or a file of its records")
     run = Run(path.parent)
     try:
@@ -198,21 +203,17 @@ def load_together(
 ) -> Run:
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
-    Warns of lines that cannot be read, which are left out. If two runs measured the same job, the later one counts;
-    `InputError` if they used different data. Jobs with a result that are not `wanted` replace no other job. With
-    `beside`, files of records come first, and a job of a folder that used other data than theirs stands beside theirs
-    under another name, without its timing.
+    The paths in the records of several runs become absolute. Warns of lines that cannot be read, which are left out. If
+    two runs measured the same job, the later one counts; `InputError` if they used different data. Jobs with a result
+    that are not `wanted` replace no other job. With `beside`, files of records come first, and a job of a folder that
+    used other data than theirs stands beside theirs under another name, without its timing.
     """
     paths: list[Path] = []
     for source in sources:
         paths += _files_of(Path(source))
     if beside:
         paths.sort(key=lambda path: path.suffix != ".jsonl")
-    runs = list(map(load_run, paths))
-    for path, run in zip(paths, runs, strict=True):
-        if run.unreadable:
-            lines = ", ".join(map(str, run.unreadable))
-            log.warning("%s: cut or altered, and left out: line(s) %s", path, lines)
+    runs = [_loaded_with_warning(path) for path in paths]
     if len(runs) == 1:
         return runs[0]
     together = Run(runs[-1].folder)
@@ -221,12 +222,13 @@ def load_together(
         together.starts.extend(run.starts)
         # The names of this run's jobs that must not replace those of other runs; nor may their timings.
         aside = {job["job"] for job in run.jobs if job["status"] == "ok" and not wanted(job)}
-        for job in run.jobs:
+        for relative in run.jobs:
+            job = _with_whole_paths(relative, run.folder.absolute())
             name = job["job"]
             if name in aside:
                 together.jobs.put((number, name), job)  # under a name that no other job has
             elif not _of_other_data(job, together.job(name)):
-                together.jobs.put(name, _with_whole_paths(job, run.folder.absolute()))
+                together.jobs.put(name, job)
                 if is_file:
                     together.published.add(name)
             elif beside and name in together.published and not is_file:
@@ -241,6 +243,15 @@ def load_together(
                 together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)
     return together
+
+
+def _loaded_with_warning(path: Path) -> Run:
+    """As `load_run`, with a warning of lines that cannot be read."""
+    run = load_run(path)
+    if run.unreadable:
+        lines = ", ".join(map(str, run.unreadable))
+        log.warning("%s: cut or altered, and left out: line(s) %s", path, lines)
+    return run
 
 
 def refuse_damaged(sources: Sequence[str | Path]) -> None:
@@ -276,7 +287,7 @@ def _with_whole_paths(job: Job, folder: Path) -> Job:
 
 
 def _files_of(source: Path) -> list[Path]:
-    """The runs of a folder: its own, or the files of records in it."""
+    """What `load_run` reads of a source: the source itself, or the files of records in a folder that is no run."""
     if source.suffix == ".jsonl" or (source / FILE).is_file():
         return [source]
     return sorted(source.glob("*.jsonl")) or [source]
@@ -289,7 +300,9 @@ def _put_back(job: dict[str, Any], starts: Sequence[RunStart]) -> None:
     if isinstance(key, dict) and key and "settings" in job:
         key.setdefault("settings", job["settings"])
     if isinstance(history, dict) and all(isinstance(column, list) for column in history.values()):
-        job["history"] = [dict(zip(history, point, strict=True)) for point in zip(*history.values(), strict=False)]
+        with suppress(ValueError):  # columns of different lengths
+            points = zip(*history.values(), strict=True)
+            job["history"] = [dict(zip(history, point, strict=True)) for point in points]
     facts: dict[str, MetricFacts] = {}
     for start in starts:
         if start.get("run") == job.get("run"):

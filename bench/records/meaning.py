@@ -111,7 +111,10 @@ def counted(psnr: float | None) -> float:
 
 
 def rounded(value: Any, digits: int = 7) -> Any:
-    """A value of JSON with its numbers, also nested ones, rounded to seven digits, more than any tolerance needs."""
+    """A value of JSON whose floats, also nested ones, are rounded to so many significant digits.
+
+    Seven are more than any tolerance needs.
+    """
     if isinstance(value, float):
         return float(f"{value:.{digits}g}")
     if isinstance(value, dict):

@@ -55,7 +55,7 @@ class Shown(NamedTuple):
 
 LARGEST = 10**18  # a larger number is not a measurement
 WHOLE = (1 << 63) - 1  # the largest whole number, which seeds reach
-DEEPEST = 12
+DEEPEST = 12  # the most levels of lists and objects in a free field
 LONGEST = 1 << 20  # the most characters of a text; a traceback is far shorter
 
 
@@ -80,7 +80,7 @@ class Rule:
 
 
 def _is_plain(value: Any, depth: int = 0) -> bool:
-    """Whether a value of any type is not nested deeply, and holds only numbers and texts that tables can show."""
+    """Whether a value of JSON has at most `DEEPEST` levels, and holds only numbers and texts that tables can show."""
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, list):
@@ -245,7 +245,7 @@ class Between(Open):
 
 
 class Job(Open, total=False):
-    """One cell of a suite: what was encoded, its bytes and errors, or why it failed."""
+    """The result of a job: what was encoded, its bytes and errors, or why it failed."""
 
     kind: Annotated[Text, PUBLISHED | NAMES | APART]
     job: Annotated[Text, PUBLISHED | NAMES | APART]
@@ -253,7 +253,7 @@ class Job(Open, total=False):
     material: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
     codec: Annotated[Name, RESULTS | NAMES | APART, Needed("tables"), Needed("verification")]
     label: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
-    curve: Annotated[Name, RESULTS | NAMES, Needed("verification")]
+    curve: Annotated[Name, RESULTS | NAMES, Needed("verification")]  # of sizes: the label without swept settings
     seed: Annotated[Count, PUBLISHED | NAMES | APART, MUST]
     split: Annotated[Text, RESULTS | CLAIM]
     status: Annotated[Literal["ok", "failed", "unavailable"], PUBLISHED | APART, MUST]
@@ -261,11 +261,11 @@ class Job(Open, total=False):
     traceback: Annotated[Text, APART]
     shape: Annotated[list[Count], Len(2, 2), RESULTS | CLAIM | APART, Needed("tables")]
     pairs: Annotated[dict[str, Count], RESULTS | CLAIM, Needed("tables", ("train",))]
-    views: Annotated[Count, RESULTS]
+    views: Annotated[Count, RESULTS]  # different view directions
     settings: Annotated[dict[str, Setting], RESULTS | CLAIM | APART]
     bytes: Annotated[Bytes, PUBLISHED | CLAIM]
-    parameters: Annotated[Count | None, PUBLISHED | CLAIM]
-    resident: Annotated[Count | None, RESULTS]
+    parameters: Annotated[Count | None, PUBLISHED | CLAIM]  # None: of a program, which does not tell
+    resident: Annotated[Count | None, RESULTS]  # bytes of the decoded material in memory; None as for parameters
     cost: Annotated[Cost, RESULTS | CLAIM, Needed("tables", ("texture_channels",))]
     metrics: Annotated[dict[str, MetricFacts], PUBLISHED | CLAIM | APART]
     scores: Annotated[dict[str, Group], CLAIM]
@@ -277,13 +277,13 @@ class Job(Open, total=False):
     fit_key: Annotated[
         FitKey,
         PUBLISHED | CLAIM | APART,
-        Needed("comparison", ("settings", "training")),
+        Needed("comparison", ("version", "settings", "training")),
         Needed("verification", ("version", "code")),
     ]
     fit_seconds: Annotated[NotNegative, RESULTS, Shown("CPU", "s", 2)]
     fit_memory: Annotated[Count, RESULTS]  # bytes at most while it was fitted, as `bench.machine.memory` counts
     fit_cached: bool
-    fitted: Annotated[dict[str, Text | None], RESULTS]
+    fitted: Annotated[dict[str, Text | None], RESULTS]  # the time, and the revision of the code, as in `scored`
     history: Annotated[list[Point], RESULTS]
     faults: Annotated[list[Text], RESULTS]  # what is wrong with the fit; absent where nothing is
     score_key: Annotated[
@@ -453,17 +453,17 @@ class Facts(Open, total=False):
 
 
 class FileScene(Open):
-    """The scene that a codec file was fitted to; see `bench.demand.requirement`."""
+    """The scene that a codec file was fitted to; see `bench.demand.needed_part`."""
 
     name: Text
     demand: Text
-    size: Annotated[list[Side], Len(2, 2)]
-    window: Annotated[list[Count], Len(4, 4)]
-    factor: Side
+    size: Annotated[list[Side], Len(2, 2)]  # (H, W) of the whole texture, in texels
+    window: Annotated[list[Count], Len(4, 4)]  # top, left, height and width, in these texels
+    factor: Side  # texels of the whole texture a side of each stored one
     pairs: Count
-    finest: NotNegative
-    uniform: NotNegative
-    views: Digits
+    finest: NotNegative  # a footprint in longer sides of the texture: 1 % of the demand is finer
+    uniform: NotNegative  # the share of the fit that is spread evenly over all pairs
+    views: Digits  # the maps of demanded directions, as `bench.codecs.window.to_hex` writes them
     lights: Digits
 
 

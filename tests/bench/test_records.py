@@ -126,6 +126,7 @@ BAD = [
     (job("x", scores={"heldout": {"metrics": {"psnr_display": {"pooled": "31"}}}}), "metrics/psnr_display/pooled"),
     (job("x", metrics={"psnr": {"unit": "dB", "direction": "up", "version": 1}}), "direction"),
     (job("x", history=[{"step": 1}, {"psnr": 3}]), "history/1/step"),
+    (job("x", history={"step": [1, 2], "psnr": [3.0]}), "history"),
     ({"kind": "job", "job": "x"}, "material"),
     ({"kind": "job", "job": ["x"]} | DONE, "job"),
     (timing("x", 0), "ns_per_sample"),

@@ -121,6 +121,25 @@ def test_a_program_that_does_not_answer_is_ended(first):
     assert not folder.exists()
 
 
+@pytest.mark.parametrize(
+    ("answers", "why"),
+    [("np.full((n, 3), 'a')", "cannot be read"), ("np.full((n, 3), 1e300)", "finite"), ("np.zeros((n, 2))", "instead")],
+)
+def test_answers_that_are_no_float32_numbers_are_the_programs_fault(answers, why, tmp_path):
+    decode = f"""
+        import sys, numpy as np
+        for line in sys.stdin:
+            queries, answers = line.rstrip("\\n").split("\\t")
+            n = len(np.load(queries))
+            np.save(answers, {answers})
+            print("ok", flush=True)
+    """
+    (tmp_path / "decode.py").write_text(textwrap.dedent(decode))
+    material = ProgramMaterial((4, 4), {}, f"{sys.executable} {tmp_path}/decode.py {{files}}", 60.0)
+    with pytest.raises(CodecError, match=why):
+        material.slice([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
+
+
 @pytest.mark.long
 def test_programs_must_name_their_files(tmp_path, capsys):
     path = suite(tmp_path)

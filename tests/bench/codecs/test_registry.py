@@ -67,3 +67,20 @@ def test_a_codec_that_fails_is_listed_with_its_failure(tmp_path, monkeypatch):
     entries = registry.codec_entries()
     assert re.match("FAILS: .*fails.*outside.*ZeroDivisionError", registry.listed(entries["fails"]))
     assert registry.listed(entries["mine"]) == "My codec."
+
+
+def test_codecs_that_cite_each_other_cite_nothing_and_a_tuple_is_one_value(tmp_path, monkeypatch):
+    text = 'class {0}:\n    """{0}.\n\n    Cited as `{1}`.\n    """\n\n    name = "{0}"\n    version = (1, 2)\n'
+    modules = {"one": text.format("one", "two"), "two": text.format("two", "one")}
+    monkeypatch.syspath_prepend(install(tmp_path, "outside", {"one": "one:one", "two": "two:two"}, modules))
+    entry = registry.codec_entries()["one"]
+    assert registry.reference(entry) == {"bibtex": "", "paper": "", "code": ""}
+    assert registry.current_versions("one") == {}  # its version is no number
+
+
+def test_an_entry_point_without_a_class_is_listed_with_its_fault_and_described_by_its_module(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(install(tmp_path, "outside", {"plain": "plain"}, {"plain": '"""My module."""'}))
+    entry = registry.codec_entries()["plain"]
+    assert "has no name" in registry.listed(entry)
+    assert registry.describe(entry) == "My module."
+    assert registry.reference(entry)["bibtex"] == ""

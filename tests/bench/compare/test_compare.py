@@ -186,6 +186,13 @@ def test_another_codec_version_or_other_data_cannot_be_compared(make, key, value
     assert reason in comparison.rows[0].why
 
 
+def test_a_job_without_the_version_of_its_codec_is_named(make):
+    job = make.job()
+    del job["fit_key"]["version"]
+    with pytest.raises(InputError, match="satin/pca/0 has no 'fit_key/version'"):
+        compare(make.run("base", make.job()), make.run("new", job))
+
+
 def test_another_metric_version_spares_the_other_numbers(make):
     base = make.run("base", *make.three())
     new = make.run("new", *make.three(flip=0.9, versions={FLIP: 2}))

@@ -4,7 +4,7 @@ import pytest
 from bench.compare.paired import Cell, Interval, against, decibels, interval, packed, told_apart, unpacked
 from bench.compare.statistics import interval_over_slices, student
 from bench.inputs.errors import InputError
-from bench.records import MOST_DB
+from bench.records import FILE, MOST_DB, load_together
 
 
 def test_pairing_takes_away_what_both_share_and_keeps_what_they_do_not():
@@ -84,6 +84,27 @@ def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_p
     assert (difference.slices, list(whole.over), whole.on) == (82, ["vq"], {"satin": {"vq": difference}})
     ours = make.run("ours", *(job | {"settings": {"recipe": "ours"}} if job["label"] == "vq" else job for job in jobs))
     assert against(ours, "pca", ["vq"]).over == {"vq": difference}  # as tables call it
+
+
+def test_codecs_of_a_reference_whose_jobs_name_no_run_are_compared(make):
+    jobs = []
+    for label, decibels_of_slices in (("pca", 30.0), ("vq", 31.0)):
+        job = make.job(label) | {"slices": {"psnr_display": packed(np.full(5, decibels_of_slices))}}
+        del job["run"]
+        jobs.append(job)
+    assert against(make.run("reference", *jobs), "pca", ["vq"]).over["vq"].mean == 1.0
+    del jobs[1]["score_key"]
+    assert against(make.run("unknown pairs", *jobs), "pca", ["vq"]).over == {}
+
+
+def test_a_job_beside_published_ones_has_the_slices_of_its_own_folder(make, tmp_path):
+    make.run("published", make.job(btf="published"))
+    (tmp_path / "published" / FILE).rename(tmp_path / "published.jsonl")
+    for folder, error in (("other", 0.01), ("last", 0.1)):
+        make.run(folder, make.job(label=folder) if folder == "last" else make.job(btf="b") | {"slices": "pca.npz"})
+        np.savez(tmp_path / folder / "pca.npz", psnr_display=np.full(3, error), heldout=np.ones(3, bool))
+    run = load_together([tmp_path / "published.jsonl", tmp_path / "other", tmp_path / "last"], beside=True)
+    assert decibels(run.folder, run.job("satin/pca/0, other data of other")).tolist() == [20.0] * 3
 
 
 def test_slices_that_cannot_be_read_cost_their_codec_alone(make, tmp_path):

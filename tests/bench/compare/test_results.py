@@ -1,7 +1,10 @@
 import json
 from pathlib import Path
 
-from bench.compare.reference import published, published_job
+import pytest
+
+from bench.compare.reference import committed, published, published_job
+from bench.inputs.errors import InputError
 from bench.records import Run, load_run
 
 RESULTS = Path(__file__).parents[3] / "docs" / "results"
@@ -68,6 +71,11 @@ def test_counts_of_slices_are_published_where_a_slice_is_exact_or_a_number_is_mi
     assert line["pairs"] == {"train": 4, "heldout": 2}
     assert line["cost"] == {"texture_channels": 3, "flops_per_sample": 5}
     assert job["footprints"]["1"]["slices"] == 2  # the record itself is left alone
+
+
+def test_a_reference_is_not_published():
+    with pytest.raises(InputError, match=r"satin/mean-colour/0 has no 'run'.*: give the folder"):
+        published(load_run(committed("ci")))
 
 
 def test_the_published_records_are_small():
