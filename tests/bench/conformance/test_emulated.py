@@ -134,7 +134,7 @@ MOST = {
     "neumip": (398, 632, 256, 183),
     "neubtf": (136, 920, 1284, 130),  # three stages; the last of them every time with a random input
     "relief": (524, 1082, 256, 410),  # three grids, and a height, whose refinement begins at half of the steps
-    "triple-plane": (121, 207, 256, 189),
+    "triple-plane": (121, 204, 256, 190),
     "pca": (0, 0, 0, 259),
 }
 
