@@ -47,7 +47,7 @@ BANK_SEED = 0x57  # the bank is the same for every fit: it is part of the loss, 
 
 
 def linear_display(log_radiance: Tensor) -> Tensor:
-    """Linear values of the display: radiance × exposure in [0, 1], of log1p(8 · exposure · radiance), any shape."""
+    """Linear values of the display, radiance × exposure clipped to [0, 1], of log radiance, any shape."""
     return (log_radiance.expm1() / LOG_SCALE).clamp(0, 1)
 
 
