@@ -222,9 +222,9 @@ class HierarchicalNetworks(Networks):
 
 
 def texels_around(pyramid: Pyramid, middle: Tensor, level: Tensor, side: int) -> Tensor:
-    """The uv (n, side, side, 2), not wrapped, of squares of texels of levels (n,) around their middles (n, 2).
+    """The uv (n, side, side, 2), not wrapped, of n squares of `side` × `side` texels, around middles at uv (n, 2).
 
-    Rows go from the top, where v is largest, down.
+    A square's texels are those of its level (n,). Rows go from the top, where v is largest, down.
     """
     distance_to_middle = torch.arange(side, device=middle.device) - (side - 1) / 2  # in texels
     right = distance_to_middle.expand(side, side)
@@ -289,7 +289,7 @@ class HierarchicalObjective(NeuMIPObjective):
     def _drawn(self, generator: torch.Generator) -> list[Tensor]:
         """The random patches of a step, as many as the setting `batch` fills, a share of them of a coarser level.
 
-        Returns what `_patches` does, for all n patches.
+        Returns what `_patches` does, for all of them.
         """
         count = max(1, self.settings.batch // self.settings.patch**2)  # patches of all levels
         coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0  # of these patches, those of a coarser level
