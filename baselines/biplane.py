@@ -322,19 +322,11 @@ class BiplaneObjective(TextureObjective):
         means_suffice = True
         for texel in torch.arange(len(self.colours), device=device).split(BLOCK):
             abrdfs = self.samples.abrdfs(texel)
-            truth = abrdfs[:, checked]  # (t, P, 3), of t texels and P pairs
-            # Each texel with each pair: (t · P,), and targets (t · P, 3).
-            batch = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth.flatten(0, 1))
-            answer, fitted_colours = self.answers(batch)  # (t · P, 3), (t · P, 12)
             # Each texel has two candidates for its row of the texture: with the fitted colours, and with its mean.
             fitted_row = torch.cat([self.texture[texel], self.colours[texel]], 1)  # (t, 18)
             mean_colours = functional.pad(abrdfs.mean(1), (MATRIX, 0))  # (t, 12): a matrix of 0, the mean as offset
             mean_row = torch.cat([self.texture[texel], mean_colours], 1)
-            rounded_mean_colours = self.rounded_texels(mean_row)[:, FEATURES:]
-
-            error = _error(answer, fitted_colours, truth)
-            mean_error = _error(answer, rounded_mean_colours.repeat_interleave(len(checked), 0), truth)
-            exact_mean_error = _error(answer, mean_colours.repeat_interleave(len(checked), 0), truth)
+            error, mean_error, exact_mean_error = self._errors(texel, checked, abrdfs[:, checked], mean_row)
             better_rows.append(torch.where((error < mean_error)[:, None], fitted_row, mean_row))
             mean_rows.append(mean_row)
             means_suffice = means_suffice and not bool((error < exact_mean_error).any())
@@ -343,6 +335,21 @@ class BiplaneObjective(TextureObjective):
         texture = torch.cat(mean_rows)
         self.rounded_texels.fit_to(texture)  # changes the steps that `store_texture` will use
         return texture
+
+    def _errors(self, texel: Tensor, pair: Tensor, truth: Tensor, mean_row: Tensor) -> list[Tensor]:
+        """The errors (t,) of texels (t,) at pairs (P,), whose log radiance is the truth (t, P, 3).
+
+        They are those with the fitted colours, rounded, with the colours of `mean_row` (t, 18), rounded, and with
+        these as they are.
+        """
+        count = len(pair)
+        # Each texel with each pair: (t · P,), and targets (t · P, 3).
+        batch = Batch(texel.repeat_interleave(count), pair.repeat(len(texel)), truth.flatten(0, 1))
+        answer, fitted_colours = self.answers(batch)  # (t · P, 3), (t · P, 12)
+        errors = [_error(answer, fitted_colours, truth)]
+        for row in (self.rounded_texels(mean_row), mean_row):
+            errors.append(_error(answer, row[:, FEATURES:].repeat_interleave(count, 0), truth))
+        return errors
 
 
 def _error(answer: Tensor, colours: Tensor, truth: Tensor) -> Tensor:

@@ -24,8 +24,8 @@ def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, T
     """The mean (3 · pairs,) of log ABRDFs, principal directions (3 · pairs, k), and the texels' points (H · W, k).
 
     k is `components`, or the rank of the data if it is lower. A texel's log ABRDF is about mean + directions · its
-    point. Distances between points are those of the ABRDFs, as far as the directions show them: the directions,
-    weighted by the scene's demand if there is one, have length 1.
+    point. Directions have length 1, in a fit to a scene with each pair weighted by its demand. So the distance of two
+    points is about that of their ABRDFs.
     """
     factors = principal(btf, fit, gain, components, PASSES, BLOCK_BYTES)
     weighted_basis = factors.basis  # (3 · pairs, k)

@@ -42,6 +42,11 @@ def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
     return pairs, torch.cat(values)
 
 
+def probed_texels(count: int) -> slice:
+    """At most `PROBED_TEXELS` of `count` texels, evenly spread: every so many."""
+    return slice(None, None, math.ceil(count / PROBED_TEXELS))
+
+
 def rounded_coefficients(
     texture: Tensor, bits: int, mean: Tensor, rows: Tensor, values: Tensor, least: int = 1
 ) -> Rounding:
@@ -51,14 +56,13 @@ def rounded_coefficients(
     a number on average, 0 for as many as matter, 16 or 32 for floats. Each channel takes `least` bits or more.
     """
     coefficients = texture.flatten(0, 1)  # (texels, C)
-    # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
-    probed_texels = slice(None, None, math.ceil(len(coefficients) / PROBED_TEXELS))
+    some_texels = probed_texels(len(coefficients))
 
     def answers(coefficients: Tensor) -> Tensor:
         """The values (F, n) of coefficients (n, C)."""
         return mean + rows @ coefficients.T
 
-    rounding = round_after(coefficients[probed_texels], bits, answers, values[:, probed_texels], least)
+    rounding = round_after(coefficients[some_texels], bits, answers, values[:, some_texels], least)
     return rounding.fit_to(texture)  # the same bits, for the range of all texels
 
 

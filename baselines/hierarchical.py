@@ -5,7 +5,7 @@ point, and the place and the directions as sines of octaves. The authors convolv
 for; here the neighbours are in the material, 9 × 9 places a footprint apart at the directions of the query, so that
 every query has one answer. See docs/recipes.md.
 
-`baselines.neumip` says what levels and tables are. *Pictures* are here small squares of S × S texels of one level of
+`baselines.neumip` says what tables are. *Pictures* are here small squares of S × S texels of one level of
 detail; *places* are the points that the decoder sees, and also the setting for the octaves of their u and v.
 """
 
@@ -18,7 +18,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, PyramidSettings, log_of
+from baselines.neumip import (
+    COARSE_SHARE,
+    Networks,
+    NeuMIP,
+    NeuMIPObjective,
+    Pyramid,
+    PyramidSettings,
+    log_of,
+    texture_costs,
+)
 from baselines.pyramids import queries_of, sampled
 from bench.inputs.settings import BatchSize, NotNegative, Range
 from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
@@ -179,14 +188,7 @@ class HierarchicalNetworks(Networks):
         middle, wo, wi, level = queries
         table, offset = textures
         wide = side + 2 * HALO  # S + 8
-        # Texels from the middle along u and v, row by row from the top, where v is largest.
-        distance_to_middle = torch.arange(wide, device=middle.device) - (wide - 1) / 2
-        right = distance_to_middle.expand(wide, wide)
-        up = -distance_to_middle[:, None].expand(wide, wide)
-        grid = torch.stack([right, up], 2)  # (S + 8, S + 8, 2)
-        # (n, 2): the uv from one texel of the level to the next along u and v; `sizes` are rows, then columns.
-        step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)
-        uv = (middle[:, None, None] + grid * step[:, None, None]).flatten(0, 2)  # (n · texels, 2)
+        uv = texels_around(pyramid, middle, level, wide).flatten(0, 2)  # (n · texels, 2)
         texels = wide * wide
         texel_levels = level.repeat_interleave(texels)  # (n · texels,)
         place = self.place_numbers(uv, texel_levels, pyramid.side)
@@ -217,6 +219,20 @@ class HierarchicalNetworks(Networks):
         # (n, 4, places): sin of u and of v, cos of u and of v. `sines` takes numbers from −1 to 1.
         waves = sines(2 * uv - 1, self.places).unflatten(1, (4, -1))
         return waves.mul(share[:, None]).flatten(1)
+
+
+def texels_around(pyramid: Pyramid, middle: Tensor, level: Tensor, side: int) -> Tensor:
+    """The uv (n, side, side, 2), not wrapped, of n squares of `side` × `side` texels, around middles at uv (n, 2).
+
+    A square's texels are those of its level (n,). Rows go from the top, where v is largest, down.
+    """
+    distance_to_middle = torch.arange(side, device=middle.device) - (side - 1) / 2  # in texels
+    right = distance_to_middle.expand(side, side)
+    up = -distance_to_middle[:, None].expand(side, side)
+    grid = torch.stack([right, up], 2)  # (side, side, 2)
+    # (n, 2): the uv from one texel of the level to the next along u and v; `sizes` are rows, then columns.
+    step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)
+    return middle[:, None, None] + grid * step[:, None, None]
 
 
 def sines(numbers: Tensor, octaves: int) -> Tensor:
@@ -252,24 +268,16 @@ class HierarchicalObjective(NeuMIPObjective):
         setting `gradient`.
         """
         settings = self.settings
-        patch = self.settings.patch
-        count = max(1, settings.batch // patch**2)  # patches of all levels
-        coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0  # of these patches, those of a coarser level
-        patches = [self._patches(0, count - coarse, generator)]
-        if coarse:
-            level = int(torch.randint(1, len(self.levels), (), generator=generator))
-            patches.append(self._patches(level, coarse, generator))
-        uv, wo, wi, levels, targets, pairs = zip(*patches, strict=True)  # of each the tensors of all levels
-        queries = torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(levels)
-        target = torch.cat(targets)
-        ours = self.networks.pictures(self.pyramid, self.textures(progress), queries, patch)  # gain · radiance
-        if settings.loss == "root":  # gain · radiance over LOG_SCALE is radiance × exposure
+        patch = settings.patch
+        *queries, target, pair = self._drawn(generator)
+        ours = self.networks.pictures(self.pyramid, self.textures(progress), tuple(queries), patch)
+        if settings.loss == "root":  # `ours` is gain · radiance, which over LOG_SCALE is radiance × exposure
             ours = (ours / LOG_SCALE).clamp_min(DARKEST) ** 0.25
             target = (target.expm1() / LOG_SCALE).clamp_min(DARKEST) ** 0.25
             loss = distance(ours, target, "l1")
         elif settings.loss == "display":
             ours = log_of(ours)
-            pair_of_texel = torch.cat(pairs).repeat_interleave(patch**2)
+            pair_of_texel = pair.repeat_interleave(patch**2)
             loss = self.distance(ours.flatten(0, 2), target.flatten(0, 2), pair_of_texel, progress)
         else:
             ours = log_of(ours)
@@ -277,6 +285,19 @@ class HierarchicalObjective(NeuMIPObjective):
         if settings.gradient and progress >= GRADIENT_FROM and patch > 2:  # Sobel's kernels have three texels a side
             loss = loss + settings.gradient * gradients(ours - target).square().mean()
         return loss
+
+    def _drawn(self, generator: torch.Generator) -> list[Tensor]:
+        """The random patches of a step, as many as the setting `batch` fills, a share of them of a coarser level.
+
+        Returns what `_patches` does, for all of them.
+        """
+        count = max(1, self.settings.batch // self.settings.patch**2)  # patches of all levels
+        coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0  # of these patches, those of a coarser level
+        patches = [self._patches(0, count - coarse, generator)]
+        if coarse:
+            level = int(torch.randint(1, len(self.levels), (), generator=generator))
+            patches.append(self._patches(level, coarse, generator))
+        return [torch.cat(tensors) for tensors in zip(*patches, strict=True)]
 
     def _patches(self, level: int, count: int, generator: torch.Generator) -> tuple[Tensor, ...]:
         """Random patches of S × S texels of a level, which wrap around its borders.
@@ -318,20 +339,11 @@ class HierarchicalMaterial(Material):
         """Count the cost of an answer term by term, and keep the parts. `offset` is the texture that the offset network
         reads, or None."""
         first, first_module, second_module, last = networks.decoder.layers
-        channels = table.shape[1]
-        texels_read = 8  # four of each of two levels
-        texture_channels = channels
-        texture_floats = table.numel()
-        offset_flops = 0
-        if offset is not None and networks.offset is not None:
-            texels_read += 4  # the offset's texture has one level
-            texture_channels += channels
-            texture_floats += offset.numel()
-            offset_flops = networks.offset.architecture.flops
-        numbers_read = texels_read * channels  # each is multiplied and added
-        inputs_of_place = 4 * networks.places + channels  # sines and latents
+        texture_channels, texture_floats, numbers_read = texture_costs(table, offset)
+        offset_flops = networks.offset.architecture.flops if networks.offset is not None else 0
+        inputs_of_place = 4 * networks.places + table.shape[1]  # sines and latents
         inputs_of_directions = first.in_features - inputs_of_place
-        # At each of 9 × 9 places: the offset, the reads, and the first layer's part of the place.
+        # At each of 9 × 9 places: the offset, the reads, multiplied and added, and the first layer's part of the place.
         flops = SIDE**2 * (offset_flops + 2 * numbers_read + 2 * inputs_of_place * CHANNELS)
         flops += 2 * inputs_of_directions * CHANNELS  # once: all places have the same directions
         # The first module answers all but two places at each border, the second the one in the middle.

@@ -7,7 +7,6 @@ The clustering does not see log ABRDFs but *points*: each texel's coefficients o
 texels.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -17,13 +16,13 @@ from torch import Tensor
 from torch.nn import functional
 
 from baselines.clusters import clustered, pack_index, reduced, unpack_index
-from baselines.components import PROBED_TEXELS, probed
+from baselines.components import probed, probed_texels
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
 from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, at_least_float32, saturated, texel_corners, to_radiance
-from bench.training import Bits, gain_of, load_table, load_texture, round_after, store_table, store_texture
+from bench.training import Bits, Rounding, gain_of, load_table, load_texture, round_after, store_table, store_texture
 
 SPANNED = 64  # principal components of all texels, in which the clusters' means and components are found
 ROUNDS = 30  # of moving texels and finding components; most fits end earlier
@@ -55,38 +54,10 @@ class LocalPCA(Codec):
         mean, directions, points = reduced(btf, gain, max(SPANNED, settings.components), fit)
         local = local_components(points, settings.clusters, settings.components, fit.seed)
         count = len(local.means)
-        k = local.axes.shape[2]
-        # The table of components, from the directions in which clusters were found to pairs.
-        # The mean of each cluster is its first component, whose coefficient is 1: (clusters, spanned, k + 1).
-        components = torch.cat([torch.from_numpy(local.means)[..., None], torch.from_numpy(local.axes)], 2)
-        table = directions @ components.movedim(0, 1).flatten(1)  # (3 · pairs, clusters · (k + 1))
-        table[:, :: k + 1] += mean[:, None]  # the mean of all texels, to the first component of each cluster
-        table = table.unflatten(0, (-1, 3))  # (pairs, 3, clusters · (k + 1))
+        table = _table(local, mean, directions)  # (N, 3, clusters · (k + 1))
         texture = torch.from_numpy(local.coefficients).unflatten(0, btf.shape)  # (H, W, k)
-
-        # How finely table and coefficients are rounded: by their errors in the values of P probed pairs.
-        label = torch.from_numpy(local.label)
         pairs, values = probed(btf, fit, gain)
-        # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
-        probed_texels = slice(None, None, math.ceil(len(label) / PROBED_TEXELS))
-        probed_labels = label[probed_texels]  # (n,)
-        probed_coefficients = texture.flatten(0, 1)[probed_texels]  # (n, k)
-        probed_table = table[pairs]  # (P, 3, clusters · (k + 1))
-        target = values[:, probed_texels].cpu()  # (3 · P, n)
-
-        def answers(table: Tensor, coefficients: Tensor) -> Tensor:
-            """Log radiance (3 · P, n) of P probed pairs and n probed texels, from a table and coefficients of these."""
-            rows = table.flatten(0, 1).unflatten(1, (count, -1))[:, probed_labels]  # (3 · P, n, k + 1)
-            return (rows * functional.pad(coefficients, (1, 0), value=1.0)).sum(2)
-
-        # Each is rounded by the error that it adds while the other is exact.
-        bits = settings.bits
-        table_rounding = round_after(
-            probed_table, bits, lambda rounded: answers(rounded, probed_coefficients), target
-        ).fit_to(table)
-        texture_rounding = round_after(
-            probed_coefficients, bits, lambda rounded: answers(probed_table, rounded), target
-        ).fit_to(texture)
+        table_rounding, texture_rounding = self._roundings(table, texture, local, pairs, values)
         coefficients = store_texture("coefficients", texture, texture_rounding)
         # The colours of a component follow each other, so that one predicts the next.
         picture = table.transpose(1, 2).unflatten(0, picture_of_pairs(btf.layout))
@@ -95,6 +66,31 @@ class LocalPCA(Codec):
             texture=coefficients | {"clusters": pack_index(local.label, count)},
             other={"gain": torch.tensor([gain]), "count": torch.tensor([count]), **pack_layout(btf.layout)},
         )
+
+    def _roundings(
+        self, table: Tensor, texture: Tensor, local: "LocalComponents", pairs: Tensor, values: Tensor
+    ) -> tuple[Rounding, Rounding]:
+        """How a table (N, 3, clusters · (k + 1)) and coefficients (H, W, k) are rounded, each by the error that it adds
+        while the other is exact.
+
+        The errors are those of the values (3 · P, texels) of P probed `pairs`.
+        """
+        label = torch.from_numpy(local.label)
+        some_texels = probed_texels(len(label))
+        probed_labels = label[some_texels]  # (n,)
+        probed_coefficients = texture.flatten(0, 1)[some_texels]  # (n, k)
+        probed_table = table[pairs]  # (P, 3, clusters · (k + 1))
+        target = values[:, some_texels].cpu()  # (3 · P, n)
+
+        def answers(table: Tensor, coefficients: Tensor) -> Tensor:
+            """Log radiance (3 · P, n) of P probed pairs and n probed texels, from a table and coefficients of these."""
+            rows = table.flatten(0, 1).unflatten(1, (len(local.means), -1))[:, probed_labels]  # (3 · P, n, k + 1)
+            return (rows * functional.pad(coefficients, (1, 0), value=1.0)).sum(2)
+
+        bits = self.settings.bits
+        of_table = round_after(probed_table, bits, lambda rounded: answers(rounded, probed_coefficients), target)
+        of_texture = round_after(probed_coefficients, bits, lambda rounded: answers(probed_table, rounded), target)
+        return of_table.fit_to(table), of_texture.fit_to(texture)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `ValueError` if clusters and components do not fit."""
@@ -145,6 +141,18 @@ def local_components(points: np.ndarray, clusters: int, components: int, seed: i
     peak = np.abs(coefficients).max(0, initial=0)  # (components,)
     peak[peak == 0] = 1  # so that nothing is divided by 0
     return LocalComponents(means, axes * peak, label, coefficients / peak)
+
+
+def _table(local: LocalComponents, mean: Tensor, directions: Tensor) -> Tensor:
+    """The components (N, 3, clusters · (k + 1)) of all clusters at N pairs, of each its mean first.
+
+    `mean` (3 · N,) and `directions` (3 · N, spanned) are those of `reduced`, on which clusters were found.
+    """
+    # The mean of each cluster is its first component, whose coefficient is 1: (clusters, spanned, k + 1).
+    components = torch.cat([torch.from_numpy(local.means)[..., None], torch.from_numpy(local.axes)], 2)
+    table = directions @ components.movedim(0, 1).flatten(1)  # (3 · N, clusters · (k + 1))
+    table[:, :: components.shape[2]] += mean[:, None]  # the mean of all texels, to the first component of each cluster
+    return table.unflatten(0, (-1, 3))
 
 
 def _fitted(points: np.ndarray, label: np.ndarray, components: int) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ class MeanColour(Codec):
         half: bool = True  # store the texture as float16
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """The mean (H, W, 3) of all slices, the pictures (H, W, 3) of a pair of view and light, added up in float64."""
+        """Store the mean (H, W, 3) of all slices, added up in float64."""
         mean = np.zeros((*btf.shape, 3))
         for picture in fit.progress(btf, total=len(btf)):
             mean += picture / len(btf)

@@ -4,9 +4,8 @@ A pyramid of latents fetched trilinearly by footprint, a small decoder, and a ne
 the view, as parallax does. Details that the paper leaves open follow the authors' published configuration, but
 for what docs/recipes.md lists.
 
-Each *level* of detail has half as many texels a side as the one before; level 0 is the finest. A *table* (rows, C)
-holds the latents of all levels, the finest first, a row a texel. From half of the fit on, textures are looked up
-*rounded*, as the file stores them: see `bench.training.stored_texture`.
+A *table* (rows, C) holds the latents of all levels of detail, the finest first, a row a texel. From half of the fit on,
+textures are looked up *rounded*, as the file stores them: see `bench.training.stored_texture`.
 """
 
 import math
@@ -18,6 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from baselines import pyramids
 from baselines.pyramids import Levels, drawn, fitted_levels, mixed, queries_of, sampled
 from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
@@ -84,11 +84,10 @@ class PyramidSettings(TextureSettings):
 def level_count(size: tuple[int, int]) -> int:
     """The number of levels of a picture of `size` (H, W), at least 1.
 
-    It is the authors' ⌊log2 of the longer side⌋, or fewer if the shorter side is soon less than a texel.
+    It is the authors' ⌊log2 of the longer side⌋, or fewer: further ones would have no texel along the shorter side.
     """
     as_published = int(math.log2(max(size)))
-    with_sides = int(math.log2(min(size))) + 1  # further levels would have no texel along the shorter side
-    return max(1, min(as_published, with_sides))
+    return max(1, min(as_published, pyramids.level_count(size)))
 
 
 class Pyramid(Levels):
@@ -200,7 +199,7 @@ class NeuMIPObjective(Objective):
         else:
             self.networks.start_at(self.samples.mean(generator))
         finest = first_latents(self.samples, settings.channels, settings.start, generator)
-        self.table = nn.Parameter(self._levels(finest, generator))
+        self.table = nn.Parameter(self._first_table(finest, generator))
         # Components that separate texels also separate heights; from zeros the offset is found late or never.
         first = torch.zeros_like(finest) if settings.start == "random" else finest.clone()
         self.offset = nn.Parameter(first) if settings.offset else None
@@ -208,7 +207,7 @@ class NeuMIPObjective(Objective):
         of_offset = [self.samples.shape]
         self.rounded_offset = Rounding(settings.channels, settings.bits, sizes=of_offset) if settings.offset else None
 
-    def _levels(self, finest: Tensor, generator: torch.Generator) -> Tensor:
+    def _first_table(self, finest: Tensor, generator: torch.Generator) -> Tensor:
         """The first latents (rows, C) of all levels: the finest ones (H · W, C), and box averages of them.
 
         With `start=random` the coarser ones are random, too, and spread as widely; averages would be less spread.
@@ -326,37 +325,37 @@ def blur(texture: Tensor, size: tuple[int, int], fall: Tensor) -> Tensor:
     return smooth.reshape(height * width, -1)
 
 
+def texture_costs(table: Tensor, offset: Tensor | None) -> tuple[int, int, int]:
+    """The channels a texel, the stored numbers, and the numbers that one look-up reads, of a table (rows, C) and an
+    offset texture (H · W, C) or None."""
+    channels = table.shape[1]
+    of_table = 8 * channels  # four texels of each of two levels
+    if offset is None:
+        return channels, table.numel(), of_table
+    of_offset = 4 * channels  # its texture has one level
+    return 2 * channels, table.numel() + offset.numel(), of_table + of_offset
+
+
 class NeuMIPMaterial(Material):
     """A table (rows, C) of all levels, an offset texture (H · W, C) or None, and the networks."""
 
     def __init__(self, pyramid: Pyramid, networks: Networks, table: Tensor, offset: Tensor | None, gain: float):
-        """Count the cost of an answer term by term, and keep the parts. `InputError` if table and pyramid do not
-        fit."""
-        size = pyramid.levels[0]
-        channels = networks.decoder.architecture.inputs - COUNTS[networks.directions]  # the other inputs are latents
-        if table.shape != (sum(pyramid.counts), channels):
-            raise InputError(f"a pyramid over {size} has {sum(pyramid.counts)} rows, not {tuple(table.shape)}")
+        """Count the cost of an answer term by term, and keep the parts."""
         decoder = networks.decoder.architecture
         parameters, network_flops = decoder.parameters, decoder.flops
-        texels_read = 8  # four of each of two levels
-        texture_channels = channels
-        texture_floats = table.numel()
-        if offset is not None and networks.offset is not None:
+        if networks.offset is not None:
             parameters += networks.offset.architecture.parameters
             network_flops += networks.offset.architecture.flops
-            texels_read += 4  # the offset's texture has one level
-            texture_channels += channels
-            texture_floats += offset.numel()
-        numbers_read = texels_read * channels  # each is multiplied and added
+        texture_channels, texture_floats, numbers_read = texture_costs(table, offset)
         yuv_to_rgb = 2 * 9  # a matrix of 3 × 3
         cost = DecoderCost(
             parameters=parameters,
             texture_channels=texture_channels,
             texture_floats=texture_floats,
-            flops_per_sample=network_flops + 2 * numbers_read + yuv_to_rgb,
+            flops_per_sample=network_flops + 2 * numbers_read + yuv_to_rgb,  # what is read is multiplied and added
             bytes_per_sample=numbers_read * table.element_size(),
         )
-        super().__init__(size, cost)
+        super().__init__(pyramid.levels[0], cost)
         self.networks = networks
         self.pyramid = pyramid
         self.table = table
@@ -429,7 +428,7 @@ class NeuMIP(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `ValueError` if its pyramid has no such levels, or its textures
-        are not of its size."""
+        have another size or other channels."""
         networks = load_network(self.objective.networks_class(self.settings), parts.decoder)
         height, width = parts.other["size"].tolist()
         levels = int(parts.other["levels"]) if "levels" in parts.other else None  # None: all of them
@@ -439,6 +438,9 @@ class NeuMIP(Codec):
         pyramid = Pyramid((height, width), levels)
         offset = load_texture("offset", parts.texture, [(height, width)]) if self.settings.offset else None
         table = load_texture("pyramid", parts.texture, pyramid.levels)
-        if len(table) != sum(pyramid.counts) or (offset is not None and len(offset) != height * width):
-            raise ValueError(f"its textures do not fit {height} × {width} texels")
+        channels = self.settings.channels
+        table_fits = table.shape == (sum(pyramid.counts), channels)
+        offset_fits = offset is None or offset.shape == (height * width, channels)
+        if not (table_fits and offset_fits):
+            raise ValueError(f"its textures do not fit {height} × {width} texels of {channels} channels")
         return self.material(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)

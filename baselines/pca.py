@@ -18,12 +18,10 @@ from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
 from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, at_least_float32, saturated
-from bench.metrics.display import exposure
-from bench.training import Bits, load_table, load_texture, round_after, store_table, store_texture
+from bench.training import Bits, gain_of, load_table, load_texture, round_after, store_table, store_texture
 from bench.training.quantise import FloatPrecision, pack, unpack
 from bench.training.svd import Factors, strongest
 
-LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 LARGE = 4 << 30  # bytes of a matrix in float32; the components of a larger one are found in a part: see `_of_part`
 PART_PAIRS, PART_TEXELS = 2_048, 16_384  # the part: its pairs, and the texels at which all pairs are then fitted
 SPARE = 64  # components of the part beyond the requested ones
@@ -60,13 +58,9 @@ class PCA(Codec):
         is stored apart as floats, (N, 3), beside k components, (V, L, k, 3).
         """
         log = self.settings.domain == "log"
-        gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
+        gain = gain_of(btf, fit) if log else 1.0
         log_gain = gain if log else None  # None: radiance is decomposed as it is
-        matrix_bytes = 12 * len(btf) * btf.shape[0] * btf.shape[1]  # three float32 a texel and pair
-        if matrix_bytes > LARGE and not fit.density:  # a fit to a scene always reads all
-            factors = self._of_part(btf, fit, log_gain)
-        else:
-            factors = self._of_all(btf, fit, log_gain)
+        factors = self._factors(btf, fit, log_gain)
         bits = self.settings.bits
         texture = factors.coefficients.T.unflatten(0, btf.shape)  # (H, W, k)
         mean = factors.mean.reshape(-1, 3)  # (N, 3)
@@ -101,6 +95,13 @@ class PCA(Codec):
             texture=store_texture("coefficients", texture, rounding),
             other={"gain": torch.tensor([gain]), **pack_layout(btf.layout)},
         )
+
+    def _factors(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
+        """The components of a BTF, found in a part of it if its matrix is `LARGE`. `gain` is as in `_of_all`."""
+        matrix_bytes = 12 * len(btf) * btf.shape[0] * btf.shape[1]  # three float32 a texel and pair
+        if matrix_bytes > LARGE and not fit.density:  # a fit to a scene always reads all
+            return self._of_part(btf, fit, gain)
+        return self._of_all(btf, fit, gain)
 
     def _of_all(self, btf: BTF, fit: Fit, gain: float | None, spare: int = 0) -> Factors:
         """The components of all texels and pairs of a BTF, as many as the setting asks for, and `spare` more.

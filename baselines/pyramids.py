@@ -1,8 +1,7 @@
 """A texture and its coarser levels in one table, fetched trilinearly, and a step of a fit to all levels of detail.
 
-Each *level* has half as many texels a side as the one before; level 0 is the finest, the picture itself. A *table*
-(rows, C) holds the texels of all levels, the finest first, a row a texel, row by row of each level. A *sample* is the
-radiance of one texel of a level at one pair.
+A *table* (rows, C) holds the texels of all levels, the finest first, a row a texel, row by row of each level. A
+*sample* is the radiance of one texel of a level at one pair.
 """
 
 import math
@@ -24,6 +23,14 @@ Queries = tuple[Tensor, Tensor, Tensor, Tensor]  # uv (n, 2) in [0, 1], wo and w
 def level_count(size: tuple[int, int]) -> int:
     """The number of levels over a picture of `size` (H, W): each halves both sides, but not below a texel."""
     return int(math.log2(min(size))) + 1
+
+
+def level_of(footprint: Tensor, side: int, count: int) -> Tensor:
+    """The level (n,), a float, of footprints (n,): log2 of their side in finest texels, within the `count` levels.
+
+    The picture has `side` texels along its longer side.
+    """
+    return (footprint.float() * side).log2().clamp(0, count - 1)
 
 
 def fitted_levels(btf: BTF, fit: Fit, count: int) -> int:
@@ -82,9 +89,8 @@ class Levels(nn.Module):
         self.starts = nn.Buffer(torch.tensor(starts), persistent=False)  # (levels,)
 
     def level(self, footprint: Tensor) -> Tensor:
-        """The level (n,), a float, of footprints (n,): log2 of their side in finest texels, within the levels there
-        are."""
-        return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
+        """The level (n,), a float, of footprints (n,): see `level_of`."""
+        return level_of(footprint, self.side, len(self.levels))
 
     def corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table (n, 4) and bilinear weights (n, 4) around uv (n, 2), at levels (n,) of an integer type.

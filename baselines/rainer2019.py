@@ -91,20 +91,20 @@ class Rainer2019(Codec):
         """Fit encoder and decoder, or the decoder with free latents; returns the parts of the file."""
         samples = Samples(btf, gain_of(btf, fit), fit)
         if is_gridded(self.settings):
-            made = partial(GriddedLatents, samples, self.settings)
+            objective = partial(GriddedLatents, samples, self.settings)  # of a fit
             if self.settings.offset:
-                fit = better_start(made, fit, self.settings.steps)
-            gridded = made(fit)
+                fit = better_start(objective, fit, self.settings.steps)
+            gridded = objective(fit)
             train(gridded, fit, self.settings.steps, self.settings.patience)
             return gridded.file()
-        objective = Encoded if self.settings.start == "encoder" else FreeLatents
-        fitting = objective(samples, self.settings, fit)
+        kind = Encoded if self.settings.start == "encoder" else FreeLatents
+        fitting = kind(samples, self.settings, fit)
         train(fitting, fit, self.settings.steps, self.settings.patience)
         texture, rounding = fitting.stored_texture(fit)
         return fitting.parts(store_texture("latents", texture.reshape(*btf.shape, -1), rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts, on a device."""
+        """The material of a file's parts, on a device. `InputError` if several grids do not fit each other."""
         decoder = Decoder(self.settings.architecture)
         gain = float(parts.other["gain"])
         if is_gridded(self.settings):

@@ -259,12 +259,17 @@ def _training_texels(
 
 
 def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
-    """The indices of `TARGETS` random pairs: held-out ones if the BTF declares them, else any; repeated in turns if
-    there are fewer.
+    """The indices of `TARGETS` random pairs, repeated in turns if there are fewer.
 
-    The encoder sees training pairs alone. So a decoder that answers held-out ones learns to interpolate between them.
+    They are held-out ones if the BTF declares some, training pairs if it declares that there are none, else any. The
+    encoder sees training pairs alone. So a decoder that answers held-out ones learns to interpolate between them.
     """
-    pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(btf.heldout)
+    if btf.heldout is None:
+        pairs = np.arange(len(btf))
+    elif btf.heldout.any():
+        pairs = np.flatnonzero(btf.heldout)
+    else:
+        pairs = btf.split().train
     order = torch.randperm(len(pairs), generator=generator).numpy()
     return pairs[np.resize(order, TARGETS)]  # `resize` cuts the random order, or repeats it
 

@@ -48,7 +48,7 @@ class SVBRDF(Codec):
         batch: BatchSize = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
         rate: Positive = 3e-2  # highest learning rate
-        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit the maps, and store their codes (H, W, 7), eight bits each, and the factor on the radiance."""

@@ -63,9 +63,9 @@ class TriplePlane(Codec):
         resolution: Count = 50  # texels a side of the planes over directions
         difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
         blur: NotNegative = 5.0  # σ in texels of the planes over directions, so that neighbours fill unseen directions
-        start: Start = "mixed"  # start of the planes: the directions and components or both; or random
+        start: Start = "mixed"  # of the planes: x and y of directions, and of texels components, both; or all random
         plane_rate: Positive = 1e-2  # highest learning rate of the planes
-        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
         bits: Bits = 0  # bits of a stored number of the planes on average; 0: chosen by the fit; 16, 32: floats
 
         @property
@@ -87,7 +87,7 @@ class TriplePlane(Codec):
         return parts
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts, on a device."""
+        """The material of a file's parts, on a device. `ValueError` if planes and settings do not fit."""
         settings = self.settings
         grids = load_gridded(parts, settings)
         network = GriddedNetwork(Decoder(settings.architecture), settings, grids["latents"].shape[:2])

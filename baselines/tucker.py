@@ -75,14 +75,8 @@ class Tucker(Codec):
         tensor, texel_basis = _tensor(factors, layout)
         ranks = (settings.components, *_direction_ranks(settings, layout))
         texel, view, light, core = factored(tensor, ranks, settings.alternations)
-        coefficients = texel_basis.T @ texel  # (T, K), of T texels
-        # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally: each is divided
-        # by the largest of its component, and the core's slice is multiplied by it.
-        scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)  # (K,)
-        core[1:] *= scale[:, None, None, None]
-        core[0] /= len(coefficients) ** 0.5  # √texels, by which `_tensor` multiplied the mean
-        core = core.permute(1, 2, 3, 0).contiguous()  # (J, M, 3, K + 1)
-        coefficients = (coefficients / scale).reshape(*btf.shape, -1)  # (H, W, K)
+        core, coefficients = _scaled(core, texel_basis.T @ texel)
+        coefficients = coefficients.reshape(*btf.shape, -1)  # (H, W, K)
         # How finely coefficients are rounded: by their errors in the values of P probed pairs.
         bits = settings.bits
         pairs, values = probed(btf, fit, log_gain)
@@ -152,6 +146,18 @@ def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
     tensor = torch.zeros(rows.shape[1], int(view.max()) + 1, int(light.max()) + 1, 3, device=rows.device)
     tensor[:, view, light] = rows.T.unflatten(1, (-1, 3))  # (k + 1, N, 3), each pair to its view and light
     return tensor, factors.coefficients / length
+
+
+def _scaled(core: Tensor, coefficients: Tensor) -> tuple[Tensor, Tensor]:
+    """The core (J, M, 3, K + 1) for coefficients (T, K) of T texels from −1 to 1, and these.
+
+    Given are the core (K + 1, J, M, 3) of `factored` and coefficients of any range. Each is divided by the largest of
+    its component, and the core's slice is multiplied by it, so that eight bits suit all slices equally.
+    """
+    scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)  # (K,)
+    of_mean = core[:1] / len(coefficients) ** 0.5  # √T, by which `_tensor` multiplied the mean
+    of_components = core[1:] * scale[:, None, None, None]
+    return torch.cat([of_mean, of_components]).permute(1, 2, 3, 0).contiguous(), coefficients / scale
 
 
 def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:

@@ -8,7 +8,6 @@ A *code* is an entry of a *stage*'s codebook, (N, 3) of N pairs; a *label* is th
 hence also of its cluster. A texel's log ABRDF is about the sum of its codes, one of each stage.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -17,18 +16,17 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.clusters import MOST_CODES, clustered, pack_index, reduced, unpack_index
-from baselines.components import PROBED_TEXELS, probed
+from baselines.clusters import BLOCK_BYTES, MOST_CODES, clustered, pack_index, reduced, unpack_index
+from baselines.components import probed, probed_texels
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
 from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
-from bench.training import Bits, gain_of, load_table, round_after, store_table
+from bench.training import Bits, Rounding, gain_of, load_table, round_after, store_table
 from bench.training.svd import blocks
 
-BLOCK_BYTES = 64 << 20  # slices read together
-MOST_LABELS = 1 << 24  # of all stages, if fewer are stored: the index of a one-entry codebook takes no bytes
+MOST_LABELS = 1 << 24  # of all stages, if their indices hold fewer: an index into a codebook of one entry has no bytes
 MOST_BESIDE = 64  # codes that are stored as channels of one picture: many take minutes to write
 
 
@@ -61,29 +59,12 @@ class VQ(Codec):
         """Store the codebooks (V, L, codes of all stages, 3) of N = V · L pairs, one after the other, and of each stage
         an index, the labels (H · W,). More than `MOST_BESIDE` codes are stored as (codes, N, 1, 3)."""
         gain = gain_of(btf, fit)
-        _, _, points = reduced(btf, gain, self.settings.components, fit)
-        # Cluster the texels, stage by stage.
-        labels: list[np.ndarray] = []  # of each stage, the cluster (texels,) of each texel
-        for stage in fit.progress(range(self.settings.stages), "clustering"):
-            # A stage sees what is left after the earlier ones: each point without the mean of its cluster.
-            label = clustered(points, self.settings.codes, fit.seed + stage)  # a seed of its own
-            points = points - _means(points, label)[label]
-            labels.append(label)
+        labels = self._labels(btf, gain, fit)
         counts = [int(label.max()) + 1 for label in labels]  # entries of each stage's codebook
         rows = torch.from_numpy(np.stack(labels, 1)) + _starts(counts)  # (texels, stages), rows of the codebook
         codebook = torch.cat(_codebooks(btf, gain, labels, fit))
-        # How finely the codebook is rounded: by the errors in the values of P probed pairs.
         pairs, values = probed(btf, fit, gain)
-        # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
-        probed_texels = slice(None, None, math.ceil(len(rows) / PROBED_TEXELS))
-        target = values[:, probed_texels].T.cpu()  # (n, 3 · P)
-
-        def answers(book: Tensor) -> Tensor:
-            """Log radiance (n, 3 · P) of n probed texels, from a codebook (codes, P, 3) of P probed pairs."""
-            of_stages = book[rows[probed_texels]]  # (n, stages, P, 3)
-            return of_stages.sum(1).flatten(1)
-
-        rounding = round_after(codebook[:, pairs], self.settings.bits, answers, target)
+        rounding = self._rounding(codebook, rows, pairs, values)
         indices: dict[str, Tensor] = {}
         for stage, (label, count) in enumerate(zip(labels, counts, strict=True)):
             indices[f"index{stage}"] = pack_index(label, count)
@@ -97,8 +78,34 @@ class VQ(Codec):
             table = codebook.transpose(0, 1).unflatten(0, picture_of_pairs(btf.layout))
         else:
             table = codebook[:, :, None]  # (codes, N, 1, 3)
-        decoder = store_table("codebook", table, rounding.fit_to(codebook), axis=3)
+        decoder = store_table("codebook", table, rounding, axis=3)
         return Parts(decoder=decoder, texture=indices, other=other)
+
+    def _labels(self, btf: BTF, gain: float, fit: Fit) -> list[np.ndarray]:
+        """Of each stage the cluster (texels,) of each texel. A stage sees what is left after the earlier ones: each
+        point without the mean of its cluster."""
+        _, _, points = reduced(btf, gain, self.settings.components, fit)
+        labels: list[np.ndarray] = []
+        for stage in fit.progress(range(self.settings.stages), "clustering"):
+            label = clustered(points, self.settings.codes, fit.seed + stage)  # a seed of its own
+            points = points - _means(points, label)[label]
+            labels.append(label)
+        return labels
+
+    def _rounding(self, codebook: Tensor, rows: Tensor, pairs: Tensor, values: Tensor) -> Rounding:
+        """How a codebook (codes, N, 3) is rounded, by the errors in the values (3 · P, texels) of P probed `pairs`.
+
+        `rows` (texels, stages) are the texels' rows of the codebook.
+        """
+        some_texels = probed_texels(len(rows))
+        target = values[:, some_texels].T.cpu()  # (n, 3 · P)
+
+        def answers(book: Tensor) -> Tensor:
+            """Log radiance (n, 3 · P) of n probed texels, from a codebook (codes, P, 3) of P probed pairs."""
+            of_stages = book[rows[some_texels]]  # (n, stages, P, 3)
+            return of_stages.sum(1).flatten(1)
+
+        return round_after(codebook[:, pairs], self.settings.bits, answers, target).fit_to(codebook)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `ValueError` if labels and codebook do not fit."""

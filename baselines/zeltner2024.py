@@ -81,7 +81,7 @@ class Zeltner2024(Codec):
         return gridded_parts(fitting, fitting.grids)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts, on a device."""
+        """The material of a file's parts, on a device. `ValueError` if texture and network do not fit."""
         grids = load_gridded(parts, self.settings)
         network = GriddedNetwork(FramedNetwork(self.settings), self.settings, grids["latents"].shape[:2])
         gain = float(parts.other["gain"])

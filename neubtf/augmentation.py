@@ -24,11 +24,11 @@ LEAST_BLUR = 1e-3  # σ in texels, which leaves a picture as it is
 
 @dataclass(frozen=True)
 class Crop:
-    """A crop and a rescale that every picture of one step shares: `source` texels from `corner` on, become `size`."""
+    """A crop and a rescale that all pictures of one step share: the `source` texels from `corner` on become `size`."""
 
     corner: tuple[int, int]  # row, column
     source: tuple[int, int]  # rows, columns of the picture; beyond a border they continue at the opposite one
-    size: tuple[int, int]
+    size: tuple[int, int]  # rows, columns of the window
     around: tuple[int, int] = (0, 0)  # rows, columns on each side that are only surroundings
     whole: tuple[bool, bool] = (True, True)  # whether rows, columns are all of the picture's, so that they repeat
 
@@ -277,7 +277,8 @@ def gaussians(sigma: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def blurred(pictures: Tensor, weights: Tensor, total: Tensor) -> Tensor:
-    """Periodic pictures (B, C, H, W), each after a Gaussian of `gaussians`."""
+    """Periodic pictures (B, C, H, W), each convolved with its Gaussian: weights (B, offsets) and their `total` (B,), as
+    of `gaussians`."""
     weights, total = weights[:, :, None, None, None], total[:, None, None, None]
     radius = weights.shape[1] // 2
     for dim in (2, 3):

@@ -72,15 +72,15 @@ class Pooled:
 class Autoencoder(nn.Module):
     """Guidance (B, 3, H, W) → neural texture (B, D, H, W), any H and W, both periodic. About 200,000 parameters.
 
-    The first texture is `FAINT` times what orthogonal weights make. `rectified`: CBAM's perceptron has ReLU, not GELU.
+    The first texture is `FAINT` times what orthogonal weights make.
 
     Shifting the guidance by multiples of STRIDE, around its borders, shifts the texture. A side that is not a multiple
     of STRIDE is padded circularly, so its far border still sees the near one, but the cells do not fit the period.
     """
 
     def __init__(self, channels: int, generator: torch.Generator | None = None, rectified: bool = False):
-        """Make the layers, drawn from the generator; `channels` of the neural texture. `rectified`: ReLU in place of
-        GELU."""
+        """Make the layers, drawn from the generator, for `channels` of the neural texture. `rectified`: CBAM's
+        perceptron has ReLU, not GELU."""
         super().__init__()
         # In each list of modules, 0 is of full, 1 of half and 2 of quarter resolution. The order of all modules is that
         # of the draws and of the weights in files.
@@ -109,13 +109,11 @@ class Autoencoder(nn.Module):
         height, width = guidance.shape[2:]
         if height % STRIDE == 0 and width % STRIDE == 0:
             # Repeat a period that is too short for the kernels; this does not change its texture.
-            tile = guidance.repeat(
-                1, 1, math.ceil(LEAST / height), math.ceil(LEAST / width)
-            )  # LEAST / side, rounded up
-            features = self.encode(tile)
+            down, across = math.ceil(LEAST / height), math.ceil(LEAST / width)
+            features = self.encode(guidance.repeat(1, 1, down, across))
             return self.decode(features, Pooled.of_cells(features.deep))[..., :height, :width]
         # A side that does not fit the cells is handled as a tile: with a halo, which is not pooled, and cut off.
-        features = self.encode(surrounded(guidance, (0, 0), (_rounded_up(height), _rounded_up(width))))
+        features = self.encode(surrounded(guidance, (0, 0), (rounded_up(height), rounded_up(width))))
         halo_cells = HALO // STRIDE
         pooled = Pooled.of_cells(features.deep[..., halo_cells:-halo_cells, halo_cells:-halo_cells])
         return self.decode(features, pooled)[..., HALO : HALO + height, HALO : HALO + width]
@@ -144,8 +142,8 @@ def surrounded(picture: Tensor, corner: tuple[int, int], size: tuple[int, int]) 
     return picture
 
 
-def _rounded_up(side: int) -> int:
-    """The least multiple of the stride that is no less than a side."""
+def rounded_up(side: int) -> int:
+    """The least multiple of the stride that is no less than a side, in texels."""
     return math.ceil(side / STRIDE) * STRIDE
 
 
@@ -227,6 +225,7 @@ class Encoder(nn.Module):
     """Guidance images (B, 3, H, W), sRGB in [0, 1], brought to one scale → neural textures (B, D, H, W)."""
 
     def __init__(self, autoencoder: Autoencoder, centre: float, spread: float):
+        """Keep the autoencoder, and the scale: `centre` of the guidance becomes 0, and `spread` more becomes 1."""
         super().__init__()
         self.autoencoder = autoencoder
         self.normal = nn.Buffer(torch.tensor([centre, spread]))
@@ -274,7 +273,7 @@ def load_encoder(tensors: dict[str, Tensor], channels: int) -> Encoder:
 def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
     """The encoder and the guidance, bytes (H, W, 3), of a file.
 
-    Raises `InputError` if it has none, and `ContainerError` if it is damaged.
+    Raises `InputError` if it is of another codec or holds no encoder, and `ContainerError` if it is damaged.
     """
     header, parts = container.read_parts(path)
     if header.codec != "neubtf":
@@ -285,7 +284,7 @@ def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
 
 
 def displayed(log_radiance: Tensor) -> Tensor:
-    """sRGB in [0, 1] of log1p(8 · exposure · radiance), any shape: the display transform of the metrics.
+    """sRGB in [0, 1] of log radiance, any shape: the display transform of the metrics.
 
     Computed where the tensor is: a step of a fit would wait for a GPU whose numbers NumPy needs.
     """

@@ -126,10 +126,10 @@ def _number(text: str) -> float:
 
 
 def blended(picture: Array, margin: float) -> Array:
-    """A linear picture (h, w, 3), ≥ 0: that of (H, W, 3) with its far margins blended into its near ones.
+    """A linear picture (H, W, 3) with its far margins blended into its near ones: (h, w, 3), ≥ 0.
 
     A margin is a share of a side. The picture loses the margins, and up to three more texels, so that the autoencoder's
-    cells fit the period. Without a margin it stays as it is.
+    cells fit the period. Without a margin it is returned as it is.
     """
     overlap = (_overlap(picture.shape[0], margin), _overlap(picture.shape[1], margin))
     if not any(overlap):

@@ -29,8 +29,8 @@ def standardised(texture: Tensor) -> Tensor:
     return (scaled - 1).sigmoid().reshape(texture.shape).float()
 
 
-def sheet(texture: Tensor) -> np.ndarray:
-    """The contact sheet (h, w) uint8 of a texture (H, W, D): channels row by row, about square."""
+def _cells(texture: Tensor) -> np.ndarray:
+    """The channels of a texture (H, W, D) as pictures (h, w, D), uint8, shrunk or enlarged to about `SIDE` pixels."""
     channels = standardised(texture).numpy()  # from 0 to 1
     longest = max(channels.shape[:2])
     if longest >= 2 * SIDE:
@@ -39,7 +39,12 @@ def sheet(texture: Tensor) -> np.ndarray:
             channels = box_filter(channels, shrink)
     grow = math.ceil(SIDE / max(channels.shape[:2]))  # pixels a side of a texel, rounded up
     bytes_of_texels = (channels * WHITE).round().astype(np.uint8)
-    cells = bytes_of_texels.repeat(grow, 0).repeat(grow, 1)  # (h, w, D)
+    return bytes_of_texels.repeat(grow, 0).repeat(grow, 1)
+
+
+def sheet(texture: Tensor) -> np.ndarray:
+    """The contact sheet (h, w) uint8 of a texture (H, W, D): channels row by row, about square."""
+    cells = _cells(texture)
     height, width, count = cells.shape
     # Each cell has its gap above and at the left. The sheet is about square.
     framed_height, framed_width = height + GAP, width + GAP

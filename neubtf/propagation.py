@@ -4,7 +4,6 @@ The texture is made in tiles with halos, so working memory does not grow with th
 pools over the whole picture, and the next makes the texture.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from bench.codecs.container import Header
 from bench.inputs.errors import InputError
 from bench.metrics.display import LOG_SCALE
 from bench.training.stored_texture import store_alike
-from neubtf.autoencoder import HALO, STRIDE, Encoder, Pooled, read_encoder, surrounded
+from neubtf.autoencoder import HALO, STRIDE, Encoder, Pooled, read_encoder, rounded_up, surrounded
 from neubtf.codec import NeuBTF
 from neubtf.guidance import Treatment, read_guidance
 
@@ -66,9 +65,10 @@ class FittedMaterial:
 def propagate(
     path: Path, picture: Path, out: Path, treatment: Treatment, show: Progress = silent, device: str = "cpu"
 ) -> Header:
-    """Write the material of a file with a new neural texture, made from a picture; the new header names both.
+    """Write the material of a file with a new neural texture, made from a picture, to `out`; its header names both.
 
-    Raises `InputError` for a file without autoencoder and a picture that cannot be read, and leaves nothing behind.
+    `device` is where the texture is made. Raises `InputError`, and writes nothing, if `out` is the file itself, if that
+    holds no autoencoder, or if the picture cannot be read.
     """
     if out.exists() and out.samefile(path):
         raise InputError(f"{out}: it would replace the file that it is made from: give another name")
@@ -110,9 +110,9 @@ def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: 
 def _tiles(height: int, width: int, tile: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """The corner (row, column) and the size (rows, columns) of tiles that cover a picture, all multiples of the stride.
 
-    The last tiles may reach beyond the picture.
+    `tile` is the side of a whole one, in texels. The last tiles may be smaller, and reach beyond the picture.
     """
-    rows, cols = (math.ceil(side / STRIDE) * STRIDE for side in (height, width))
+    rows, cols = rounded_up(height), rounded_up(width)
     for row in range(0, rows, tile):
         for col in range(0, cols, tile):
             yield (row, col), (min(tile, rows - row), min(tile, cols - col))

@@ -47,7 +47,7 @@ BANK_SEED = 0x57  # the bank is the same for every fit: it is part of the loss, 
 
 
 def linear_display(log_radiance: Tensor) -> Tensor:
-    """Linear values of the display: radiance × exposure in [0, 1], of log1p(8 · exposure · radiance), any shape."""
+    """Linear values of the display, radiance × exposure clipped to [0, 1], of log radiance, any shape."""
     return (log_radiance.expm1() / LOG_SCALE).clamp(0, 1)
 
 
@@ -68,7 +68,10 @@ class Style(nn.Module):
         self.bank = nn.Buffer(bank.reshape(SCALES, FILTERS, 3, KERNEL, KERNEL), persistent=False)
 
     def forward(self, ours: Tensor, theirs: Tensor, periodic: tuple[bool, bool] = (True, True)) -> Tensor:
-        """The distance of pictures that repeat, or not, in rows and in columns, at scales that fit the filters."""
+        """The distance, a scalar, of pictures (B, 3, H, W) that are `periodic` along their rows and columns, or not.
+
+        It is the mean over the scales at which the filters fit, 0 if there is none.
+        """
         distances = list[Tensor]()
         for scale, filters in enumerate(self.bank):
             if scale > 0:
@@ -104,8 +107,8 @@ def _gram(pictures: Tensor, filters: Tensor, periodic: tuple[bool, bool]) -> Ten
 def focal_frequency(ours: Tensor, theirs: Tensor) -> Tensor:
     """Focal frequency loss (Jiang et al., "Focal frequency loss for image reconstruction and synthesis", 2021), α = 1.
 
-    The mean of w · |F − F'|² over the orthonormal spectra F, F' of both pictures, with w = |F − F'| over its maximum in
-    each channel of each picture, held constant.
+    The mean, a scalar, of w · |F − F'|² over the orthonormal spectra F, F' of both pictures (B, 3, H, W), with
+    w = |F − F'| over its maximum in each channel of each picture, held constant.
     """
     difference = torch.fft.fft2(ours - theirs, norm="ortho")
     squared = difference.real.square() + difference.imag.square()

@@ -17,7 +17,10 @@ FRONTAL = np.array([[[0.0, 0, 1], [0, 0, 1]]])  # only the pair along the normal
 
 
 class Seam(NamedTuple):
-    """The mean gradient across a border, over the mean and over the largest of those inside; infinite if none is."""
+    """The mean gradient across a border over the mean, and over the largest, of those between the cells inside.
+
+    Both are infinite if there is no gradient inside.
+    """
 
     of_mean: float
     of_largest: float

@@ -79,7 +79,7 @@ class StagedSettings(NetworkSettings, RendererSettings):
     def __post_init__(self) -> None:
         """Raise `InputError` if no steps are left for the last stage, or if there is no texture to teach."""
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
-            raise InputError("neubtf needs direct + taught below 1, and direct above 0 if taught is above 0")
+            raise InputError("codec neubtf needs direct + taught below 1, and direct above 0 if taught is above 0")
 
 
 class Example(NamedTuple):

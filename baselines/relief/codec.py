@@ -9,10 +9,9 @@ the latents there, from grids at full, half and quarter resolution; and shades. 
 vector h in xyz, and with a height how far the relief rises into the ray to the light.
 
 *Samples* are the radiances that a fit learns, at texels and pairs; *queries* are the same questions as uv, directions
-and *level*, the level of detail: 0 is the picture, and each further one has half as many texels a side. A *grid* is a
-texture of latents, named `latents`, `latents2`, `latents4` (full, half, quarter resolution) or `offset`; a *pyramid* is
-a grid with its coarser levels, its *table* (rows, C) all their texels. To *march* is to search where a ray meets the
-surface.
+and level of detail. A *grid* is a texture of latents, named `latents`, `latents2`, `latents4` (full, half, quarter
+resolution) or `offset`; a *pyramid* is a grid with its coarser levels, its *table* (rows, C) all their texels. To
+*march* is to search where a ray meets the surface.
 """
 
 import math
@@ -25,7 +24,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from baselines.pyramids import Pyramid, Queries, drawn, fitted_levels, level_count, queries_of
+from baselines.pyramids import Pyramid, Queries, drawn, fitted_levels, level_count, level_of, queries_of
 from baselines.relief import geometry, sweep
 from baselines.relief.geometry import Surface, restored, slope, smoothed, stepped, wrapped
 from bench.btf import BTF
@@ -129,7 +128,7 @@ class Pyramids(nn.Module):
         """Lay out the levels of each grid over a picture of `size` (H, W); with a relief there is no offset's grid."""
         super().__init__()
         self.side = max(size)
-        self.coarsest = level_count(size) - 1  # the number of the last level
+        self.level_count = level_count(size)  # of the picture
         names = channels(settings, offset=not relief)
         self.pyramids: Any = nn.ModuleDict({name: Pyramid(size_of(name, size)) for name in names})
 
@@ -138,9 +137,8 @@ class Pyramids(nn.Module):
         return {name: self.pyramids[name].table(values.flatten(0, 1)) for name, values in grids.items()}
 
     def level(self, footprint: Tensor) -> Tensor:
-        """The level (n,) of footprints (n,), whose unit is the texture's longer side: log2 of their texels, clamped to
-        the levels that there are."""
-        return (footprint.float() * self.side).log2().clamp(0, self.coarsest)
+        """The level (n,) of the picture, a float, of footprints (n,): see `level_of`."""
+        return level_of(footprint, self.side, self.level_count)
 
     def fetch(self, tables: dict[str, Tensor], uv: Tensor, level: Tensor) -> list[Tensor]:
         """The channels (n, C) of each grid but the offset's, at uv (n, 2) and levels (n,) of the texture."""
@@ -241,7 +239,7 @@ class ReliefMaterial(Material):
             setattr(self, f"table_{name}", table)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """Radiance (n, 3) of queries; `footprint` (n,) is in units of the texture's longer side."""
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`."""
         tables = {name: getattr(self, f"table_{name}") for name in self.names}
         queries = (uv, wo, wi, self.pyramids.level(footprint))
         return to_radiance(answer(self.network, self.pyramids, self.relief, tables, queries), self.gain)
@@ -398,6 +396,7 @@ class Relief(Codec):
         loss: Loss = "display"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
 
         def __post_init__(self) -> None:
+            """`InputError` if no grid has channels."""
             if not total(self):
                 raise InputError("codec relief needs a channel: give latents, half or quarter")
 

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from bench.material import sample_texture
 
 LEAST_COSINE = 0.2  # of a direction: nearer to the horizon (78.5°) its slope grows no further
-FINENESS = 256  # least texels a side of the searched height; a larger height is searched as stored
+FINENESS = 256  # texels a side of the searched height, about: a whole multiple of the stored ones, at least these
 # Linear steps, then steps of the secant, of the search along the view; 16 and 2 gain .02 dB on the deepest relief.
 VIEW_STEPS, SECANTS = 12, 1
 LIGHT_STEPS = 12  # of the search toward the light
@@ -294,7 +294,7 @@ def least(costs: Tensor) -> Tensor:
 
 
 def refined(costs: Tensor, heights: Tensor) -> Tensor:
-    """The height (H, W) of least cost, from costs (Z, H, W) of evenly spaced heights (Z,).
+    """The height (H, W) of least cost, on the CPU, from costs (Z, H, W) of evenly spaced heights (Z,).
 
     It is the lowest place of a parabola through the cheapest height and its two neighbours.
     """

@@ -43,12 +43,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="match: make it as bright on average as the guidance of the file (default); radiance: the picture is a "
         "slice in the units of the BTF; or a factor on linear values",
     )
-    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the codec file to write")
 
 
 def run(options: argparse.Namespace, terminal: Terminal) -> int:
-    """Write the new file, and return the exit code."""
+    """Write the new file, say how visible its seams are, and return the exit code. `InputError` for wrong options."""
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: there is no such folder: make it first")
     treatment = Treatment(options.scale, options.make_tileable, options.exposure)
