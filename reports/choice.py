@@ -65,8 +65,7 @@ class Choice:
         return replace(run, jobs=jobs, starts=starts)
 
     def _refuse_absent(self, run: Run, jobs: Records[Job]) -> None:
-        """Raise `InputError` for a material that the run does not have, or a codec that none of the chosen `jobs`
-        has."""
+        """Raise `InputError` for a material that the run lacks, or a codec that none of the chosen `jobs` has."""
         materials_of_run = {str(job["material"]) for job in run.jobs}
         for name in self.materials:
             if name not in materials_of_run:
@@ -78,6 +77,9 @@ class Choice:
         names = {name for job in chosen for name in _codec_names(job)}
         for codec in self.codecs:
             if codec not in names:
+                if any(codec in _codec_names(job) for job in jobs):
+                    remedy = "choose a material that it was measured on"
+                    raise InputError(f"--codec {codec}: this run does not have it on the chosen materials: {remedy}")
                 known = {str(job.get("codec") or job["label"]) for job in jobs} | {shown_label(job) for job in jobs}
                 raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, known)}")
 
