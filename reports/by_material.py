@@ -138,18 +138,21 @@ class Measure(NamedTuple):
 
 _TO = " to {}"  # of an interval, whose lower end is the first number
 
-SIZE = (
-    Measure("decoder", "param.", "parameters"),
-    Measure("tex.", "chan.", "cost/texture_channels", native="rank"),
+_PARAMETERS = Measure("decoder", "param.", "parameters")
+_CHANNELS = Measure("tex.", "chan.", "cost/texture_channels", native="rank")
+_TOTAL = Measure("total", "bytes ↓", "bytes/total", native="bytes")
+_BITS = Measure("bits per", "texel ↓", "bits", -4, native="bits")
+_SIZE = (
+    _PARAMETERS,
+    _CHANNELS,
     Measure("decoder", "bytes", "bytes/decoder"),
     Measure("texture", "bytes", "bytes/texture"),
     Measure("other", "bytes", _OTHER_BYTES),
-    Measure("total", "bytes ↓", "bytes/total", native="bytes"),
+    _TOTAL,
     Measure("shared", "bytes", "bytes/shared", sparse=True),
     Measure("resident", "bytes", "resident", sparse=True),
-    Measure("bits per", "texel ↓", "bits", -4, native="bits"),
+    _BITS,
 )
-_TOTAL = SIZE[5]
 _NS = Measure("time", "ns ↓", "timing/ns_per_sample", -3, timed=True)
 _INTERVAL = Measure("95 % interval", "ns", "timing/interval95_ns/0", -3, "timing/interval95_ns/1", _TO, timed=True)
 _FLOOR = Measure("time", "× floor", "timing/ratio_to_floor", -3, timed=True)
@@ -213,7 +216,7 @@ def _quality(material: MaterialRows) -> list[Measure]:
 
 def in_short(material: MaterialRows) -> list[Measure]:
     """The size of a file, its PSNR and its times, whether or not rows have them."""
-    return [_TOTAL, SIZE[-1], _psnr(material), *(measure for measure in _time() if not measure.sparse)]
+    return [_TOTAL, _BITS, _psnr(material), *(measure for measure in _time() if not measure.sparse)]
 
 
 def in_summary(material: MaterialRows) -> list[Measure]:
@@ -231,7 +234,7 @@ def psnr_of(material: MaterialRows) -> dict[str, float]:
 
 
 def _main(material: MaterialRows) -> list[Measure]:
-    return [*SIZE, *_quality(material), *_time()]
+    return [*_SIZE, *_quality(material), *_time()]
 
 
 def _slices(material: MaterialRows) -> list[Measure]:
@@ -267,7 +270,7 @@ def _scored(material: MaterialRows) -> list[Measure]:
     """Columns of a file that was scored alone, without a record of its fit."""
     sizes: list[Measure] = []
     if all(row.job["bytes"] for row in material.measured):  # slices that another program computed come without a file
-        sizes = [SIZE[0], SIZE[1], _TOTAL, SIZE[-1]]
+        sizes = [_PARAMETERS, _CHANNELS, _TOTAL, _BITS]
     train = _mean("train", "dB ↑", PSNR, "train")  # a shorter name, because a terminal is narrow
     return [*sizes, train, _psnr(material), *_others(material, spread=False)]
 
@@ -383,7 +386,7 @@ _TABLES = {
     "main": _Described("main", "", _main, _notes(main_notes)),
     # A main table for a page that is too narrow for all of its columns is two.
     "quality": _Described("main", "quality", _quality, _notes(quality_notes)),
-    "cost": _Described("main", "size and time", lambda _: (*SIZE, *_time()), _notes(cost_notes)),
+    "cost": _Described("main", "size and time", lambda _: (*_SIZE, *_time()), _notes(cost_notes)),
     # For a terminal: a main table, one of a file without a run, and both footprints and directions.
     "short": _Described("main", "", _short, _notes(main_notes)),
     "scored": _Described("main", "", _scored, _notes(main_notes)),

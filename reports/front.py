@@ -25,6 +25,7 @@ from reports.of_rungs import (
     CODEC,
     METRICS,
     READ,
+    Parts,
     common_notes,
     in_words,
     interval_cell,
@@ -128,21 +129,20 @@ def budgets_tables(run: Run) -> Iterator[Table]:
     groups = list(rungs.kinds.items())
     if len(groups) > 1:  # of a single kind, the table over all would be the same
         groups.append(("", list(rungs.surfaces)))
-    made = [found for kind, surfaces in groups if (found := _of_surfaces(rungs, kind, surfaces))]
+    found = [_of_surfaces(rungs, kind, surfaces) for kind, surfaces in groups]
+    made = [parts for parts in found if parts]
     if made:  # notes common to them stand once, below the last
-        notes = made[-1][-1]
-        notes += [READ, *common_notes(run, rungs)]
+        _, _, _, last_notes = made[-1]
+        last_notes += [READ, *common_notes(run, rungs)]
         without_time = untimed(rungs)
         if without_time:
-            notes.append(f"Not timed, so within no time: {'; '.join(without_time)}.")
+            last_notes.append(f"Not timed, so within no time: {'; '.join(without_time)}.")
     for title, values, columns, notes in made:
         yield written("budgets", title, values, columns, notes)
 
 
-def _of_surfaces(
-    rungs: Rungs, kind: str, surfaces: Sequence[str]
-) -> tuple[str, pd.DataFrame, list[Column], list[str]] | None:
-    """Title, values, columns and notes of the table over surfaces of a `kind`, "" for all; None without values."""
+def _of_surfaces(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | None:
+    """The parts of the table over surfaces of a `kind`, "" for all; None without values."""
     # By budget and line; lines come in the order of the best of each budget, from the smallest on.
     readings = {budget: rungs.readings(budget, surfaces) for budget in rungs.limits}
     lines = list(dict.fromkeys(line for found in readings.values() for line in found.index))
@@ -292,7 +292,9 @@ def _median_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
         for line, row in by_line.items():
             values = [(row[column.field], column.digits) for column in columns]
             read = tuple(None if isnan(value) else as_read(value, digits) for value, digits in values)
-            found.setdefault(line, {}).setdefault(read, (row, []))[1].append(budget)
+            of_line = found.setdefault(line, {})
+            _, limits = of_line.setdefault(read, (row, []))
+            limits.append(budget)
     for line, of_line in found.items():
         for row, limits in of_line.values():
             yield {**row, "codec": line, "budgets": _span(limits)}
@@ -323,16 +325,16 @@ def when_table(run: Run) -> Iterator[Table]:
         if leader:
             absent.setdefault(leader, []).append(question)
             continue
-        lines: dict[float, list[str]] = {}  # by number as it reads: lines with the same are equally good
+        lines_of: dict[float, list[str]] = {}  # by number as it reads: lines with the same are equally good
         by_line: dict[Any, float] = medians.to_dict()
         for line, value in by_line.items():
-            lines.setdefault(as_read(value, metric.digits), []).append(line)
-        if not lines:  # no line reaches that budget on each surface
+            lines_of.setdefault(as_read(value, metric.digits), []).append(line)
+        if not lines_of:  # no line reaches that budget on each surface
             continue
-        first, second, *_ = [*lines.items(), (nan, [NONE])]  # there may be no next best
+        best_first = [*lines_of.items(), (nan, [NONE])]  # there may be no next best
+        (value, best), (next_value, then), *_ = best_first
         row: dict[str, Any] = {"question": question, "metric": metric}
-        row |= {"best": _named(first[1]), "then": _named(second[1]), "value": first[0], "next": second[0]}
-        rows.append(row)
+        rows.append(row | {"best": _named(best), "then": _named(then), "value": value, "next": next_value})
     columns = [Column("question", "", "question"), Column("best", "", "best"), Column("then", "", "then")]
     columns += [
         Column(name, "", field, write=_with_unit(field)) for name, field in (("best", "value"), ("then", "next"))
@@ -362,13 +364,12 @@ def _named(lines: Sequence[str]) -> str:
 
 
 class _Question(NamedTuple):
-    """A question in words, the lines that answer it with their medians, the best first, and how these are written; and
-    the line, if there is one, that would answer it if it had files as small on all surfaces."""
+    """A question of the table, with its answer."""
 
     words: str
-    medians: "pd.Series[float]"
-    metric: Column
-    absent: str = ""
+    medians: "pd.Series[float]"  # over the surfaces, by line, the best first
+    metric: Column  # how these are written
+    absent: str = ""  # the line that would answer it if it had files as small on all surfaces; "" without one
 
 
 def _questions(rungs: Rungs) -> Iterator[_Question]:

@@ -13,6 +13,7 @@ from reports.numbers import NONE, signed
 from reports.rungs import BYTES, EAGER, FIT, LEAST_SURFACES, Budget, Rungs, Summary
 from reports.values import Column, Row
 
+Parts = tuple[str, pd.DataFrame, list[Column], list[str]]  # title, values, columns and notes of a table
 _NAMED = 5  # rows that a note on excluded records names
 CODEC = Column("codec", "", "codec")
 METRICS = [Column("PSNR", "dB", "psnr", 2), Column("SSIM", "", "ssim", 3), Column("FLIP", "", "flip", 3)]

@@ -54,7 +54,7 @@ def test_a_codec_or_column_that_is_not_there_is_an_error_that_says_which_are(fol
     with pytest.raises(InputError, match=r"--codec pcb: .*'pca'"):
         table_text(folder, choice=Choice(["pcb"]))
     made = run_maker(folder).job("vq", material="wool")
-    with pytest.raises(InputError, match="--codec pca: .* not .* on the chosen materials: choose"):
+    with pytest.raises(InputError, match=r"--codec pca: .* not .* on the chosen materials: choose"):
         table_text(made.folder, choice=Choice(["pca"], materials=["wool"]))
     with pytest.raises(InputError, match=r"--column LPIPS: .*SSIM ↑"):
         table_text(folder, kind="main", choice=Choice(columns=["LPIPS"]))
