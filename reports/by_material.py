@@ -2,8 +2,8 @@
 
 Each column is a `Measure`: its header, and the field of `bench.compare.frame` that has its number. A row is over the
 seeds. The pairs that *decide* are the held-out ones, or all pairs where none are held out. A record has statistics of
-each *group* of pairs (`train`, `heldout`, `heldout, grazing view`): `mean` and `std` over its slices, `pooled` (of the
-mean error of all slices together), `worst` (the mean of the worst tenth).
+each *group* of pairs (`train`, `heldout`, `heldout, grazing view`): `mean`, `std` and `pooled` of its slices, and
+`worst`, the mean of the worst tenth.
 
 An *exact* slice has no error, so its PSNR has no number. The *frames* of a model of a scene are pictures of that scene.
 """
@@ -94,7 +94,8 @@ class Measure(NamedTuple):
         )
 
     def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> tuple[float, float, str]:
-        """The number of a codec's seeds, infinite if all of them are exact; that beside it; and why there is none."""
+        """The number of a cell over the seeds of a codec, infinite if all are exact; the second number of the cell; and
+        words that say why there is no number, or "". A number that is missing is NaN."""
         found = [self._value(record) for record in records]
         values = [value for value, _ in found]
         if values and all(value == inf for value in values):
@@ -110,7 +111,7 @@ class Measure(NamedTuple):
         if not numbers:
             value, why = found[0] if found else (nan, "")
             return value, nan, why
-        if self.pair == _TO:
+        if self.pair == _TO:  # from the lowest to the highest end of the seeds' intervals
             return min(numbers), max(seconds), ""
         if self.second:
             return fmean(numbers), fmean(seconds) if seconds else nan, ""
@@ -258,7 +259,7 @@ def _radiance(material: MaterialRows) -> list[Measure]:
 
 
 def _footprints(material: MaterialRows) -> list[Measure]:
-    """PSNR by side of the square over which an answer is averaged, in texels; then that of answers between texels."""
+    """PSNR by footprint, then that of answers between texels."""
     measures = []
     for side in material.measured[0].job["footprints"]:
         name = "1 texel" if side == "1" else f"{side} texels"

@@ -101,7 +101,8 @@ def front_table(run: Run) -> Iterator[Table]:
 
 
 def _front_values(rungs: Rungs) -> pd.DataFrame:
-    """A row a line, the largest lead first: medians over the surfaces of each kind, leads, and time; empty without."""
+    """A row a line, the largest lead first: medians over the surfaces of each kind, leads, and time; empty without a
+    line that has a value."""
     readings = {kind: rungs.readings(ENOUGH, surfaces) for kind, surfaces in rungs.kinds.items()}
     # A line whose curves all end below this size has dashes for PSNR, but may have a lead at fewer bytes.
     lines = list(dict.fromkeys([*(line for found in readings.values() for line in found.index), *rungs.hulls]))
@@ -178,9 +179,6 @@ def _of_surfaces(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | No
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
     values = values.sort_values([in_words(budget) for budget in sizes], ascending=False, kind="stable")
 
-    words = [str(len(surfaces)), kind, "surfaces" if len(surfaces) > 1 else "surface"]
-    counted = " ".join(word for word in words if word)  # such as "4 fabric surfaces"
-    title = f"Budgets on {counted} ({', '.join(surfaces)}): test PSNR, dB"
     notes = []
     if values.filter(like=" apart").any(axis=None):
         notes.append(f"*: told apart from {AGAINST} in the mean, by Holm's correction over the column.")
@@ -188,7 +186,14 @@ def _of_surfaces(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | No
         notes.append("No best is marked at a size where a codec whose curves end before has more dB at a smaller one.")
     for leader, names in absent.items():
         notes.append(f"No best is marked at {', '.join(names)}: {why_absent(leader)}.")
-    return title, values, columns, notes
+    return _budgets_title(kind, surfaces), values, columns, notes
+
+
+def _budgets_title(kind: str, surfaces: Sequence[str]) -> str:
+    """The title of the table over surfaces of a `kind`, "" for all."""
+    words = [str(len(surfaces)), kind, "surfaces" if len(surfaces) > 1 else "surface"]
+    counted = " ".join(word for word in words if word)  # such as "4 measured surfaces"
+    return f"Budgets on {counted} ({', '.join(surfaces)}): test PSNR, dB"
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
@@ -264,8 +269,9 @@ def _ladders(rungs: Rungs) -> pd.DataFrame:
     rows = []
     for line, of_line in rungs.frame.groupby("line", sort=False):
         surfaces_of: dict[tuple[tuple[str, int], ...], list[str]] = {}  # by ladder: its labels with counts of seeds
-        for surface, own in of_line.groupby("material", sort=False):
-            ladder = tuple(sorted(zip(own["label"], map(len, own["seeds"]), strict=True)))
+        for surface, on_surface in of_line.groupby("material", sort=False):
+            counts = map(len, on_surface["seeds"])
+            ladder = tuple(sorted(zip(on_surface["label"], counts, strict=True)))
             surfaces_of.setdefault(ladder, []).append(str(surface))
         for ladder, surfaces in surfaces_of.items():
             own = of_line[of_line["material"].isin(surfaces)]

@@ -269,10 +269,8 @@ def _older(run: Run) -> Iterator[str]:
 
 
 def _provenance(start: RunStart) -> str:
-    """Where the numbers of a start come from, in a sentence: suite, versions and machine; “?” for what it does not say.
-
-    A suite is the file that names what to measure.
-    """
+    """Where the numbers of a start come from, in a sentence: suite, versions and machine; “?” for what it does not
+    say."""
     machine = start.get("machine", Machine())
     packages = start.get("packages", {})
     parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]

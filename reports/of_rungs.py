@@ -135,7 +135,7 @@ def _machines(run: Run) -> list[str]:
 
 
 def _by_suite(run: Run, jobs: Sequence[Job]) -> str:
-    """How many jobs are of which suite, the file that names what to measure: "3 of budgets, 1 of no suite"."""
+    """How many jobs are of which suite: "3 of budgets, 1 of no suite"."""
     suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}  # by name of the start
     counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
     return ", ".join(f"{count} of {suite}" for suite, count in counts.items())

@@ -1,9 +1,9 @@
 """The rungs of a run, the curves that they make, and what is read off these: numbers for tables and figures.
 
 A *budget* is a limit on the bytes of a file, on the time of a query or on the time of a fit. Rungs are chosen by
-*validation* pairs of directions, and shown with their scores at *test* pairs. The *curve* of a line on a surface joins
-its rungs on the upper convex hull of validation PSNR over log bytes; from the best rung it goes on level to the largest
-that was measured, since a file may be smaller than it may be. It is never extrapolated. docs/metrics.md has the rules.
+validation pairs, and shown with their scores at test pairs. The *curve* of a line on a surface joins its rungs on the
+upper convex hull of validation PSNR over log bytes; from the best rung it goes on level to the largest that was
+measured, because a larger limit allows the smaller file, too. It is never extrapolated. docs/metrics.md has the rules.
 
 Tables of lines have a row a line and a column a surface, with NaN where a line has no value.
 """
@@ -359,25 +359,28 @@ def _drawn(seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> np.nda
     """Means over seeds that are drawn with replacement, (`DRAWS`, rungs), given those of each rung."""
     counts = np.array([len(own) for own in seeds])
     several = counts[counts > 1]  # of one seed nothing is drawn
-    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))
-    first = np.repeat(np.cumsum([0, *several[:-1]]), several)  # the place of each one's first seed among all
-    values = np.concatenate([own for own in seeds if len(own) > 1])[first + numbers]
+    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))  # of seeds of their rung
+    starts = np.cumsum([0, *several[:-1]])  # the place of the first seed of each such rung among all their seeds
+    places = np.repeat(starts, several) + numbers
+    values = np.concatenate([own for own in seeds if len(own) > 1])[places]
     means = np.tile([own[0] for own in seeds], (DRAWS, 1))
-    means[:, counts > 1] = np.add.reduceat(values, np.unique(first), axis=1) / several
+    means[:, counts > 1] = np.add.reduceat(values, starts, axis=1) / several
     return means
 
 
 def _weights(ours: Hull, theirs: Hull) -> np.ndarray:
-    """The weight of each rung of two hulls in their BD-PSNR, (rungs,), which is linear in the values of curves."""
-    rungs = [(0, rung) for rung in ours.once] + [(1, rung) for rung in theirs.once]
-    weights = []
-    for side, rung in rungs:
-        curves = [
-            Curve(hull.sizes, [float((side, rung) == (own, each)) for each in hull.rungs])
-            for own, hull in enumerate((ours, theirs))
-        ]
-        weights.append(bd_psnr(*curves))
+    """The weight of each rung of two hulls in their BD-PSNR, (rungs,), ours first.
+
+    BD-PSNR is linear in the values of curves, so a weight is that of curves with the value 1 at the rung alone.
+    """
+    weights = [bd_psnr(_one_at(ours, rung), _one_at(theirs)) for rung in ours.once]
+    weights += [bd_psnr(_one_at(ours), _one_at(theirs, rung)) for rung in theirs.once]
     return np.array(weights, float)
+
+
+def _one_at(hull: Hull, rung: int | None = None) -> Curve:
+    """The curve of a hull with the value 1 at a rung, and 0 at all others; without a rung 0 at all."""
+    return Curve(hull.sizes, [float(each == rung) for each in hull.rungs])
 
 
 def _by_line(found: Mapping[str, Mapping[str, float | None]], surfaces: Iterable[str]) -> pd.DataFrame:
