@@ -198,6 +198,7 @@ def _psnr(material: MaterialRows, spread: bool = False) -> Measure:
 
 
 def _deciding(material: MaterialRows) -> str:
+    """The name in records of the pairs that decide; "heldout" where nothing was measured."""
     return material.measured[0].deciding_group if material.measured else "heldout"
 
 
@@ -235,6 +236,7 @@ def psnr_of(material: MaterialRows) -> dict[str, float]:
 
 
 def _main(material: MaterialRows) -> list[Measure]:
+    """Size, quality and time."""
     return [*_SIZE, *_quality(material), *_time()]
 
 
@@ -345,6 +347,7 @@ def _scene(material: MaterialRows) -> list[Measure]:
 
 
 def _scene_notes(material: MaterialRows) -> list[str]:
+    """The notes of the table of scores in the scene; none without a scene."""
     scene = material.measured[0].job.get("scene")
     if not scene:
         return []
