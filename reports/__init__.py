@@ -91,8 +91,10 @@ def table_text(
     from reports.terminal import terminal
     from reports.text import results_csv
 
-    if format not in FORMATS or kind not in (None, *KINDS):
-        raise ValueError(f"format {format!r}, kind {kind!r}: none such")
+    if format not in FORMATS:
+        raise ValueError(f"format {format!r}: choose one of {', '.join(FORMATS)}")
+    if kind not in (None, *KINDS):
+        raise ValueError(f"kind {kind!r}: choose one of {', '.join(KINDS)}")
     run = _together(runs, kind)
     if choice:
         run = choice.of_run(run)

@@ -87,10 +87,7 @@ def angular(folder: Path, job: Job) -> dict[str, Any] | None:
 
 
 def program(path: Path) -> Program:
-    """The program of a file: a decoded material as a list of plain operations, from which shaders are made.
-
-    `InputError` if the file is missing or holds no program.
-    """
+    """The program in a file. `InputError` if the file is missing or holds no program."""
     try:
         return Program.from_arrays(read_arrays(path, MAX_FILE))
     except (OSError, KeyError, ValueError, TypeError) as error:

@@ -2,8 +2,8 @@
 
 Each column is a `Measure`: its header, and the field of `bench.compare.frame` that has its number. A row is over the
 seeds. The pairs that *decide* are the held-out ones, or all pairs where none are held out. A record has statistics of
-each *group* of pairs (`train`, `heldout`, `heldout, grazing view`): `mean` and `std` over its slices, `pooled` (of the
-mean error of all slices together), `worst` (the mean of the worst tenth).
+each *group* of pairs (`train`, `heldout`, `heldout, grazing view`): `mean`, `std` and `pooled` of its slices, and
+`worst`, the mean of the worst tenth.
 
 An *exact* slice has no error, so its PSNR has no number. The *frames* of a model of a scene are pictures of that scene.
 """
@@ -94,7 +94,8 @@ class Measure(NamedTuple):
         )
 
     def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> tuple[float, float, str]:
-        """The number of a codec's seeds, infinite if all of them are exact; that beside it; and why there is none."""
+        """The number of a cell over the seeds of a codec, infinite if all are exact; the second number of the cell; and
+        words that say why there is no number, or "". A number that is missing is NaN."""
         found = [self._value(record) for record in records]
         values = [value for value, _ in found]
         if values and all(value == inf for value in values):
@@ -110,7 +111,7 @@ class Measure(NamedTuple):
         if not numbers:
             value, why = found[0] if found else (nan, "")
             return value, nan, why
-        if self.pair == _TO:
+        if self.pair == _TO:  # from the lowest to the highest end of the seeds' intervals
             return min(numbers), max(seconds), ""
         if self.second:
             return fmean(numbers), fmean(seconds) if seconds else nan, ""
@@ -138,18 +139,21 @@ class Measure(NamedTuple):
 
 _TO = " to {}"  # of an interval, whose lower end is the first number
 
-SIZE = (
-    Measure("decoder", "param.", "parameters"),
-    Measure("tex.", "chan.", "cost/texture_channels", native="rank"),
+_PARAMETERS = Measure("decoder", "param.", "parameters")
+_CHANNELS = Measure("tex.", "chan.", "cost/texture_channels", native="rank")
+_TOTAL = Measure("total", "bytes ↓", "bytes/total", native="bytes")
+_BITS = Measure("bits per", "texel ↓", "bits", -4, native="bits")
+_SIZE = (
+    _PARAMETERS,
+    _CHANNELS,
     Measure("decoder", "bytes", "bytes/decoder"),
     Measure("texture", "bytes", "bytes/texture"),
     Measure("other", "bytes", _OTHER_BYTES),
-    Measure("total", "bytes ↓", "bytes/total", native="bytes"),
+    _TOTAL,
     Measure("shared", "bytes", "bytes/shared", sparse=True),
     Measure("resident", "bytes", "resident", sparse=True),
-    Measure("bits per", "texel ↓", "bits", -4, native="bits"),
+    _BITS,
 )
-_TOTAL = SIZE[5]
 _NS = Measure("time", "ns ↓", "timing/ns_per_sample", -3, timed=True)
 _INTERVAL = Measure("95 % interval", "ns", "timing/interval95_ns/0", -3, "timing/interval95_ns/1", _TO, timed=True)
 _FLOOR = Measure("time", "× floor", "timing/ratio_to_floor", -3, timed=True)
@@ -194,6 +198,7 @@ def _psnr(material: MaterialRows, spread: bool = False) -> Measure:
 
 
 def _deciding(material: MaterialRows) -> str:
+    """The name in records of the pairs that decide; "heldout" where nothing was measured."""
     return material.measured[0].deciding_group if material.measured else "heldout"
 
 
@@ -213,7 +218,7 @@ def _quality(material: MaterialRows) -> list[Measure]:
 
 def in_short(material: MaterialRows) -> list[Measure]:
     """The size of a file, its PSNR and its times, whether or not rows have them."""
-    return [_TOTAL, SIZE[-1], _psnr(material), *(measure for measure in _time() if not measure.sparse)]
+    return [_TOTAL, _BITS, _psnr(material), *(measure for measure in _time() if not measure.sparse)]
 
 
 def in_summary(material: MaterialRows) -> list[Measure]:
@@ -231,7 +236,8 @@ def psnr_of(material: MaterialRows) -> dict[str, float]:
 
 
 def _main(material: MaterialRows) -> list[Measure]:
-    return [*SIZE, *_quality(material), *_time()]
+    """Size, quality and time."""
+    return [*_SIZE, *_quality(material), *_time()]
 
 
 def _slices(material: MaterialRows) -> list[Measure]:
@@ -255,7 +261,7 @@ def _radiance(material: MaterialRows) -> list[Measure]:
 
 
 def _footprints(material: MaterialRows) -> list[Measure]:
-    """PSNR by side of the square over which an answer is averaged, in texels; then that of answers between texels."""
+    """PSNR by footprint, then that of answers between texels."""
     measures = []
     for side in material.measured[0].job["footprints"]:
         name = "1 texel" if side == "1" else f"{side} texels"
@@ -267,7 +273,7 @@ def _scored(material: MaterialRows) -> list[Measure]:
     """Columns of a file that was scored alone, without a record of its fit."""
     sizes: list[Measure] = []
     if all(row.job["bytes"] for row in material.measured):  # slices that another program computed come without a file
-        sizes = [SIZE[0], SIZE[1], _TOTAL, SIZE[-1]]
+        sizes = [_PARAMETERS, _CHANNELS, _TOTAL, _BITS]
     train = _mean("train", "dB ↑", PSNR, "train")  # a shorter name, because a terminal is narrow
     return [*sizes, train, _psnr(material), *_others(material, spread=False)]
 
@@ -341,6 +347,7 @@ def _scene(material: MaterialRows) -> list[Measure]:
 
 
 def _scene_notes(material: MaterialRows) -> list[str]:
+    """The notes of the table of scores in the scene; none without a scene."""
     scene = material.measured[0].job.get("scene")
     if not scene:
         return []
@@ -383,7 +390,7 @@ _TABLES = {
     "main": _Described("main", "", _main, _notes(main_notes)),
     # A main table for a page that is too narrow for all of its columns is two.
     "quality": _Described("main", "quality", _quality, _notes(quality_notes)),
-    "cost": _Described("main", "size and time", lambda _: (*SIZE, *_time()), _notes(cost_notes)),
+    "cost": _Described("main", "size and time", lambda _: (*_SIZE, *_time()), _notes(cost_notes)),
     # For a terminal: a main table, one of a file without a run, and both footprints and directions.
     "short": _Described("main", "", _short, _notes(main_notes)),
     "scored": _Described("main", "", _scored, _notes(main_notes)),

@@ -64,20 +64,22 @@ class Choice:
             starts.append(start | {"jobs": [job.name for job in planned]})
         return replace(run, jobs=jobs, starts=starts)
 
-    def _refuse_absent(self, run: Run, jobs: Records[Job]) -> None:
-        """Raise `InputError` for a material that the run does not have, or a codec that none of the chosen `jobs`
-        has."""
+    def _refuse_absent(self, run: Run, chosen: Iterable[Job]) -> None:
+        """Raise `InputError` for a material that the run lacks, or a codec that none of the `chosen` jobs has."""
         materials_of_run = {str(job["material"]) for job in run.jobs}
         for name in self.materials:
             if name not in materials_of_run:
                 raise InputError(f"--material {name}: this run does not have it{did_you_mean(name, materials_of_run)}")
-        self._refuse_absent_codecs(run.jobs, jobs)
+        self._refuse_absent_codecs(run.jobs, chosen)
 
     def _refuse_absent_codecs(self, jobs: Iterable[Job], chosen: Iterable[Job]) -> None:
-        """Raise `InputError` for a codec that none of the `chosen` ones of some jobs has."""
+        """Raise `InputError` for a codec that none of the `chosen` jobs has; `jobs` are those of any choice."""
         names = {name for job in chosen for name in _codec_names(job)}
         for codec in self.codecs:
             if codec not in names:
+                if any(codec in _codec_names(job) for job in jobs):
+                    remedy = "choose a material that it was measured on"
+                    raise InputError(f"--codec {codec}: this run does not have it on the chosen materials: {remedy}")
                 known = {str(job.get("codec") or job["label"]) for job in jobs} | {shown_label(job) for job in jobs}
                 raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, known)}")
 

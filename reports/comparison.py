@@ -140,8 +140,8 @@ def _word(verdict: Verdict) -> str:
 def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
     """The table of the quantities that decide, a row a codec; `material` is its title.
 
-    A metric has a column of its change and margin; PSNR has one of its value, too. Sizes,
-    which are no metrics, have one column of value and change. The last column is the verdict.
+    A metric has a column of its change and margin; PSNR has one of its value, too. A size, which is no metric, has one
+    column of value and change. The last column is the verdict.
     """
     quantities = _quantities(row.deciding for row in rows)
     headers = [("codec", "")]

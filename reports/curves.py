@@ -10,14 +10,13 @@ from bench.compare.paired import AGAINST
 from bench.compare.statistics import bd_rate
 from bench.records import Run
 from reports.numbers import NONE, fixed, signed
-from reports.of_rungs import CAP, CODEC, METRICS, interval_cell, lead_cell, of_leads, stale_of, won_cell
+from reports.of_rungs import CAP, CODEC, METRICS, Parts, interval_cell, lead_cell, of_leads, stale_of, won_cell
 from reports.rungs import ENOUGH, FOOTPRINTS, LEAST_RUNGS, LEAST_SURFACES, Rungs, median_over, rungs_of
 from reports.table import Table
 from reports.values import Column, Row, written
 
 MEMORY = 256  # bits a texel of a decoder in memory, at which codecs are compared
 _NEVER = "∞"  # a BD-rate: no number of bytes is enough
-_Parts = tuple[str, pd.DataFrame, list[Column], list[str]]  # title, values, columns and notes of a table
 
 
 def curves_tables(run: Run) -> Iterator[Table]:
@@ -30,24 +29,24 @@ def curves_tables(run: Run) -> Iterator[Table]:
     if AGAINST in rungs.hulls:
         made.append(_differences(rungs))
     made += [_three_metrics(rungs), _footprints(rungs), _in_memory(rungs)]
-    with_rows = [found for found in made if len(found[1])]
+    with_rows = [parts for parts in made if not parts[1].empty]  # parts[1]: the values
     if with_rows:  # notes on all of them stand once, below the last
-        notes = with_rows[-1][-1]
+        _, _, _, last_notes = with_rows[-1]
         reach = (
             f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
         )
-        notes.append(
+        last_notes.append(
             f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {CAP}"
         )
         if rungs.unlike:
-            notes.append(f"Left out: {len(rungs.unlike)} jobs that are not comparable.")
+            last_notes.append(f"Left out: {len(rungs.unlike)} jobs that are not comparable.")
     for title, values, columns, notes in with_rows:
         values["codec"] = values.index
         values["stale"] = stale_of(rungs, values.index)
         yield written("curves", title, values, [CODEC, *columns], notes)
 
 
-def _differences(rungs: Rungs) -> _Parts:
+def _differences(rungs: Rungs) -> Parts:
     """A row a codec: BD-PSNR by kind of surface and over all, each with its interval, and BD-rate."""
     lines = [line for line in rungs.hulls if line != AGAINST]
     values = of_leads({line: rungs.lead(line) for line in lines})
@@ -95,8 +94,11 @@ def _median_rate(rungs: Rungs, line: str) -> float:
     """
     rates = []
     for surface, hull in rungs.hulls[line].items():
-        other = rungs.hulls[AGAINST].get(surface)
-        ours, theirs = rungs.curve(hull), rungs.curve(other) if other else None
+        other_hull = rungs.hulls[AGAINST].get(surface)
+        if other_hull is None:
+            continue
+        ours = rungs.curve(hull)
+        theirs = rungs.curve(other_hull)
         rate = bd_rate(ours, theirs) if ours and theirs else None
         if rate is not None:
             rates.append(rate)
@@ -110,7 +112,7 @@ def _rate(row: Row) -> str:
     return _NEVER if isinf(row["rate"]) else f"{signed(row['rate'], 0)} %"
 
 
-def _three_metrics(rungs: Rungs) -> _Parts:
+def _three_metrics(rungs: Rungs) -> Parts:
     """A row a codec: three metrics at one size, `ENOUGH`, each with the codec's place by it.
 
     So a reader sees whether the metrics agree on the order. Codecs that lack a metric, or whose curves do not reach
@@ -133,7 +135,7 @@ def _with_place(field: str, digits: int) -> Callable[[Row], str]:
     return lambda row: f"{fixed(row[field], digits)} ({row[f'{field} place']:.0f})"
 
 
-def _footprints(rungs: Rungs) -> _Parts:
+def _footprints(rungs: Rungs) -> Parts:
     """A row a codec: PSNR at one size, a column a footprint. From further away a pixel covers more texels a side."""
     values = pd.DataFrame({side: median_over(rungs.read(ENOUGH.most, side)) for side in FOOTPRINTS}).dropna()
     values = values.sort_values(FOOTPRINTS[-1], ascending=False, kind="stable")
@@ -150,7 +152,7 @@ def _where(rungs: Rungs) -> str:
     return f"at {ENOUGH.most} bits a texel on {count} surface{'s' if count > 1 else ''}"
 
 
-def _in_memory(rungs: Rungs) -> _Parts:
+def _in_memory(rungs: Rungs) -> Parts:
     """A row a codec: PSNR by kind of surface, at one size in memory in place of one in the file, and the lead there."""
     resident = rungs.over_memory()
     values = pd.DataFrame({kind: median_over(resident.read(MEMORY)[on]) for kind, on in rungs.kinds.items()})

@@ -21,7 +21,7 @@ from reports.choice import Choice
 from reports.figures.canvas import Figure, Sheet, png, style
 from reports.figures.pairs import Inset, pairs_figure
 
-PAIRS = "pairs"  # the kind of figure that shows the slices of chosen pairs of view and light directions
+PAIRS = "pairs"  # the kind of figure that shows the slices of chosen pairs
 KINDS = (*figures.ALL, PAIRS)
 _NOT_STORED = "no job of this run stored {}: published records have numbers alone, so give the folder of a run"
 # By kind: why a run may have no figure of that kind, in words for a reader.

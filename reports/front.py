@@ -25,6 +25,7 @@ from reports.of_rungs import (
     CODEC,
     METRICS,
     READ,
+    Parts,
     common_notes,
     in_words,
     interval_cell,
@@ -100,7 +101,8 @@ def front_table(run: Run) -> Iterator[Table]:
 
 
 def _front_values(rungs: Rungs) -> pd.DataFrame:
-    """A row a line, the largest lead first: medians over the surfaces of each kind, leads, and time; empty without."""
+    """A row a line, the largest lead first: medians over the surfaces of each kind, leads, and time; empty without a
+    line that has a value."""
     readings = {kind: rungs.readings(ENOUGH, surfaces) for kind, surfaces in rungs.kinds.items()}
     # A line whose curves all end below this size has dashes for PSNR, but may have a lead at fewer bytes.
     lines = list(dict.fromkeys([*(line for found in readings.values() for line in found.index), *rungs.hulls]))
@@ -128,21 +130,20 @@ def budgets_tables(run: Run) -> Iterator[Table]:
     groups = list(rungs.kinds.items())
     if len(groups) > 1:  # of a single kind, the table over all would be the same
         groups.append(("", list(rungs.surfaces)))
-    made = [found for kind, surfaces in groups if (found := _of_surfaces(rungs, kind, surfaces))]
+    found = [_of_surfaces(rungs, kind, surfaces) for kind, surfaces in groups]
+    made = [parts for parts in found if parts]
     if made:  # notes common to them stand once, below the last
-        notes = made[-1][-1]
-        notes += [READ, *common_notes(run, rungs)]
+        _, _, _, last_notes = made[-1]
+        last_notes += [READ, *common_notes(run, rungs)]
         without_time = untimed(rungs)
         if without_time:
-            notes.append(f"Not timed, so within no time: {'; '.join(without_time)}.")
+            last_notes.append(f"Not timed, so within no time: {'; '.join(without_time)}.")
     for title, values, columns, notes in made:
         yield written("budgets", title, values, columns, notes)
 
 
-def _of_surfaces(
-    rungs: Rungs, kind: str, surfaces: Sequence[str]
-) -> tuple[str, pd.DataFrame, list[Column], list[str]] | None:
-    """Title, values, columns and notes of the table over surfaces of a `kind`, "" for all; None without values."""
+def _of_surfaces(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | None:
+    """The parts of the table over surfaces of a `kind`, "" for all; None without values."""
     # By budget and line; lines come in the order of the best of each budget, from the smallest on.
     readings = {budget: rungs.readings(budget, surfaces) for budget in rungs.limits}
     lines = list(dict.fromkeys(line for found in readings.values() for line in found.index))
@@ -178,9 +179,6 @@ def _of_surfaces(
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
     values = values.sort_values([in_words(budget) for budget in sizes], ascending=False, kind="stable")
 
-    words = [str(len(surfaces)), kind, "surfaces" if len(surfaces) > 1 else "surface"]
-    counted = " ".join(word for word in words if word)  # such as "4 fabric surfaces"
-    title = f"Budgets on {counted} ({', '.join(surfaces)}): test PSNR, dB"
     notes = []
     if values.filter(like=" apart").any(axis=None):
         notes.append(f"*: told apart from {AGAINST} in the mean, by Holm's correction over the column.")
@@ -188,7 +186,14 @@ def _of_surfaces(
         notes.append("No best is marked at a size where a codec whose curves end before has more dB at a smaller one.")
     for leader, names in absent.items():
         notes.append(f"No best is marked at {', '.join(names)}: {why_absent(leader)}.")
-    return title, values, columns, notes
+    return _budgets_title(kind, surfaces), values, columns, notes
+
+
+def _budgets_title(kind: str, surfaces: Sequence[str]) -> str:
+    """The title of the table over surfaces of a `kind`, "" for all."""
+    words = [str(len(surfaces)), kind, "surfaces" if len(surfaces) > 1 else "surface"]
+    counted = " ".join(word for word in words if word)  # such as "4 measured surfaces"
+    return f"Budgets on {counted} ({', '.join(surfaces)}): test PSNR, dB"
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
@@ -264,8 +269,9 @@ def _ladders(rungs: Rungs) -> pd.DataFrame:
     rows = []
     for line, of_line in rungs.frame.groupby("line", sort=False):
         surfaces_of: dict[tuple[tuple[str, int], ...], list[str]] = {}  # by ladder: its labels with counts of seeds
-        for surface, own in of_line.groupby("material", sort=False):
-            ladder = tuple(sorted(zip(own["label"], map(len, own["seeds"]), strict=True)))
+        for surface, on_surface in of_line.groupby("material", sort=False):
+            counts = map(len, on_surface["seeds"])
+            ladder = tuple(sorted(zip(on_surface["label"], counts, strict=True)))
             surfaces_of.setdefault(ladder, []).append(str(surface))
         for ladder, surfaces in surfaces_of.items():
             own = of_line[of_line["material"].isin(surfaces)]
@@ -292,7 +298,9 @@ def _median_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
         for line, row in by_line.items():
             values = [(row[column.field], column.digits) for column in columns]
             read = tuple(None if isnan(value) else as_read(value, digits) for value, digits in values)
-            found.setdefault(line, {}).setdefault(read, (row, []))[1].append(budget)
+            of_line = found.setdefault(line, {})
+            _, limits = of_line.setdefault(read, (row, []))
+            limits.append(budget)
     for line, of_line in found.items():
         for row, limits in of_line.values():
             yield {**row, "codec": line, "budgets": _span(limits)}
@@ -323,16 +331,16 @@ def when_table(run: Run) -> Iterator[Table]:
         if leader:
             absent.setdefault(leader, []).append(question)
             continue
-        lines: dict[float, list[str]] = {}  # by number as it reads: lines with the same are equally good
+        lines_of: dict[float, list[str]] = {}  # by number as it reads: lines with the same are equally good
         by_line: dict[Any, float] = medians.to_dict()
         for line, value in by_line.items():
-            lines.setdefault(as_read(value, metric.digits), []).append(line)
-        if not lines:  # no line reaches that budget on each surface
+            lines_of.setdefault(as_read(value, metric.digits), []).append(line)
+        if not lines_of:  # no line reaches that budget on each surface
             continue
-        first, second, *_ = [*lines.items(), (nan, [NONE])]  # there may be no next best
+        best_first = [*lines_of.items(), (nan, [NONE])]  # there may be no next best
+        (value, best), (next_value, then), *_ = best_first
         row: dict[str, Any] = {"question": question, "metric": metric}
-        row |= {"best": _named(first[1]), "then": _named(second[1]), "value": first[0], "next": second[0]}
-        rows.append(row)
+        rows.append(row | {"best": _named(best), "then": _named(then), "value": value, "next": next_value})
     columns = [Column("question", "", "question"), Column("best", "", "best"), Column("then", "", "then")]
     columns += [
         Column(name, "", field, write=_with_unit(field)) for name, field in (("best", "value"), ("then", "next"))
@@ -362,13 +370,12 @@ def _named(lines: Sequence[str]) -> str:
 
 
 class _Question(NamedTuple):
-    """A question in words, the lines that answer it with their medians, the best first, and how these are written; and
-    the line, if there is one, that would answer it if it had files as small on all surfaces."""
+    """A question of the table, with its answer."""
 
     words: str
-    medians: "pd.Series[float]"
-    metric: Column
-    absent: str = ""
+    medians: "pd.Series[float]"  # over the surfaces, by line, the best first
+    metric: Column  # how these are written
+    absent: str = ""  # the line that would answer it if it had files as small on all surfaces; "" without one
 
 
 def _questions(rungs: Rungs) -> Iterator[_Question]:

@@ -81,15 +81,16 @@ def _steps(rungs: Rungs, surfaces: Sequence[str], lines: Iterable[str]) -> _Curv
     return {line: {most: found[line] for most, found in ranked.items() if line in found} for line in lines}
 
 
-def _plot(of: str, title: str, x: dict[str, Any], curves: _Curves, surfaces: Sequence[str]) -> Plot:
-    """A plot with a line for each entry that has points: its PSNR by the cost on the axis `x`."""
+def _plot(kind: str, title: str, x: dict[str, Any], curves: _Curves, surfaces: Sequence[str]) -> Plot:
+    """A plot of a kind, "size" or "time", with a line for each of the `curves` that has points: its PSNR by the cost on
+    the axis `x`."""
     series: Series = []
     for line, values in curves.items():
         if values:
             series.append({"label": line, "line": True, "points": [[cost, psnr] for cost, psnr in values.items()]})
     return {
         "material": "",
-        "kind": of,
+        "kind": kind,
         "title": title,
         "x": {"log": True, "less": True} | x,
         "y": {"label": "test PSNR, dB"},

@@ -210,7 +210,7 @@ def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
 def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
     """Notes on the materials for which timed files of a codec store a height; marching it takes most of their time.
 
-    With the setting `relief`, a fit stores a height for each texel only where it pays.
+    Only the codec `relief` does; with its setting `relief` a fit stores a height for each texel only where it pays.
     """
     with_height: dict[str, dict[str, None]] = {}  # the materials by label, each once
     without_height: dict[str, dict[str, None]] = {}
@@ -218,7 +218,7 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
     for material in materials:
         for row in material.measured:
             settings = row.job.get("settings", {})
-            if settings.get("relief") and (row.timing or row.fused):
+            if row.job["codec"] == "relief" and settings.get("relief") and (row.timing or row.fused):
                 # The texture has a channel for each latent number; the height is one more.
                 has_height = row.job["cost"]["texture_channels"] == int(settings["latents"]) + 1
                 by_label = with_height if has_height else without_height
@@ -269,10 +269,8 @@ def _older(run: Run) -> Iterator[str]:
 
 
 def _provenance(start: RunStart) -> str:
-    """Where the numbers of a start come from, in a sentence: suite, versions and machine; “?” for what it does not say.
-
-    A suite is the file that names what to measure.
-    """
+    """Where the numbers of a start come from, in a sentence: suite, versions and machine; “?” for what it does not
+    say."""
     machine = start.get("machine", Machine())
     packages = start.get("packages", {})
     parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]

@@ -1,8 +1,7 @@
 """Formats numbers for tables.
 
-A cell without a number says why: “exact” (no slice, that is no picture of the material at a pair of directions, has an
-error, so that a PSNR is infinite), `n/a` (the metric does not apply), `n/c` (it must not be compared) or, for anything
-that is missing, a dash.
+A cell without a number says why: “exact” (no slice has an error, so that a PSNR is infinite), `n/a` (the metric does
+not apply), `n/c` (it must not be compared) or, for anything that is missing, a dash.
 """
 
 from math import isfinite

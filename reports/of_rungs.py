@@ -13,6 +13,7 @@ from reports.numbers import NONE, signed
 from reports.rungs import BYTES, EAGER, FIT, LEAST_SURFACES, Budget, Rungs, Summary
 from reports.values import Column, Row
 
+Parts = tuple[str, pd.DataFrame, list[Column], list[str]]  # title, values, columns and notes of a table
 _NAMED = 5  # rows that a note on excluded records names
 CODEC = Column("codec", "", "codec")
 METRICS = [Column("PSNR", "dB", "psnr", 2), Column("SSIM", "", "ssim", 3), Column("FLIP", "", "flip", 3)]
@@ -134,7 +135,7 @@ def _machines(run: Run) -> list[str]:
 
 
 def _by_suite(run: Run, jobs: Sequence[Job]) -> str:
-    """How many jobs are of which suite, the file that names what to measure: "3 of budgets, 1 of no suite"."""
+    """How many jobs are of which suite: "3 of budgets, 1 of no suite"."""
     suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}  # by name of the start
     counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
     return ", ".join(f"{count} of {suite}" for suite, count in counts.items())

@@ -9,7 +9,7 @@ The *family* of a metric is its name without its variant: `ssim` of `ssim_period
 each material of the paper the *nearest* one that anyone can get.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from math import isnan, nan
@@ -22,6 +22,7 @@ from bench.metrics import all_exact, mean_over, stats_of
 from bench.records import FLIP, PSNR, SSIM, Job, Run, as_published, codec_of, grouped
 from reports.numbers import EXACT, NONE, NOT_APPLICABLE, fixed, signed
 from reports.rows import MaterialRows
+from reports.rows import Row as MaterialRow
 from reports.table import Note, OfData, Table
 from reports.values import Column, Row, Stale, written
 
@@ -91,8 +92,23 @@ def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
     best_first = fits.sort_values(["itself", "steps"], ascending=False, kind="stable")
     chosen = best_first.drop_duplicates(["paper", "family"])  # the first of each
     ours = {(fit["paper"], fit["family"]): fit for fit in chosen.to_dict("records")}
-    stale = next((fit["stale"] for (_, family), fit in ours.items() if family == PSNR and fit["stale"]), "")
+    fits_of_psnr = {material: fit for (material, family), fit in ours.items() if family == PSNR}
+    columns = [Column("metric", "", "codec")]
+    for material in PUBLISHED:
+        fit = fits_of_psnr.get(material)
+        below = OfData(fit["material"] if fit else NONE)
+        columns.append(Column(OfData(material), below, material, write=partial(_cell, material)))
+    values = pd.DataFrame(_short_rows(ours), dtype=object)
+    notes = _short_notes(fits_of_psnr, missing)
+    return written("paper", "Table 1 of NeuBTF (2023), and ours", values, columns, notes)
 
+
+def _short_rows(ours: Mapping[tuple[str, str], Mapping[Any, Any]]) -> list[dict[str, Any]]:
+    """The values of the short table, three rows for each metric.
+
+    `ours` has by material of the paper and family the row of `_numbers` that is shown.
+    """
+    stale = next((fit["stale"] for (_, family), fit in ours.items() if family == PSNR and fit["stale"]), "")
     rows: list[dict[str, Any]] = []
     for family, (name, unit, digits) in _METRICS.items():
         printed: dict[str, Any] = {"codec": f"{name} {unit[-1]}, print", "digits": digits, "stale": ""}
@@ -105,29 +121,27 @@ def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
             difference[material] = fit["mean"] - printed[material]
         rows += [printed, own, difference]
     rows.append({"codec": "LPIPS ↓", "stale": "", **dict.fromkeys(PUBLISHED, "not computed")})
+    return rows
 
-    columns = [Column("metric", "", "codec")]
-    notes = [
-        "Mean ± standard deviation over the slices of fitted pairs, because the paper fits what it scores.",
-        _UNLIKE,
-    ]
-    fits_in_words = []
-    for material in PUBLISHED:
-        found = ours.get((material, PSNR))
-        below = OfData(found["material"] if found else NONE)
-        columns.append(Column(OfData(material), below, material, write=partial(_cell, material)))
-        if found:
-            fits_in_words.append(_fit_in_words(found))
-            continue
-        names = [name for name in (material, *NEAREST) if NEAREST.get(name, name) == material and name in missing]
-        notes += [f"{NONE}: {name}: {missing[name]}." for name in names]
-        if not names:
-            notes.append(f"{NONE}: {material}: no fit of {METHOD} {RECIPE}.")
+
+def _short_notes(fits: Mapping[str, Mapping[Any, Any]], missing: Mapping[str, str]) -> list[str]:
+    """The notes of the short table: which fits are ours, by material of the paper, and why others are missing."""
+    notes = ["Mean ± standard deviation over the slices of fitted pairs, because the paper fits what it scores."]
+    fits_in_words = [_fit_in_words(fits[material]) for material in PUBLISHED if material in fits]
     if fits_in_words:
-        notes.insert(1, f"Ours: {METHOD} {RECIPE}, the fit of most steps: {'; '.join(fits_in_words)}.")
+        notes.append(f"Ours: {METHOD} {RECIPE}, the fit of most steps: {'; '.join(fits_in_words)}.")
+    notes.append(_UNLIKE)
+    for material in PUBLISHED:
+        if material in fits:
+            continue
+        candidates = [material, *(name for name, paper in NEAREST.items() if paper == material)]
+        known = [name for name in candidates if name in missing]
+        notes += [f"{NONE}: {name}: {missing[name]}." for name in known]
+        if not known:
+            notes.append(f"{NONE}: {material}: no fit of {METHOD} {RECIPE}.")
     if len(fits_in_words) < len(PUBLISHED):
         notes.append(_HOW_TO_GET)
-    return written("paper", "Table 1 of NeuBTF (2023), and ours", pd.DataFrame(rows, dtype=object), columns, notes)
+    return notes
 
 
 def _cell(material: str, row: Row) -> str:
@@ -169,7 +183,7 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
         for fit in fits:
             family = fit["family"]
             row |= {family: fit["why"] if isnan(fit["mean"]) else fit["mean"], f"{family} ±": fit["std"]}
-        row |= _printed(first["paper"] if codec_of(first["label"]) == METHOD else "")  # it has numbers of no other
+        row |= _printed(first["paper"] if codec_of(first["label"]) == METHOD else "")  # of other codecs it states none
         if first["group"] not in _PUBLISHED_PAIRS:
             row |= dict.fromkeys([f"{family} print" for family in _METRICS], "")
         rows.append(row)
@@ -216,25 +230,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     fits = [fit for material in materials if material.name in PUBLISHED for fit in material.rows]
     nearest = [fit for material in materials if material.name in NEAREST for fit in material.rows]
     fits += [fit for fit in nearest if fit.job.get("run") in starts]
-    rows = []
-    for fit, group, family in product(fits, _PAIRS, _METRICS):
-        job = fit.job
-        row: dict[str, Any] = {"material": job["material"], "paper": NEAREST.get(job["material"], job["material"])}
-        row |= {"label": fit.label, "status": job["status"], "group": group, "family": family}
-        row |= {"by_recipe": job.get("codec") == METHOD and as_published(job)}
-        row |= {"stale": "", "steps": job.get("settings", {}).get("steps", 0), "mean": nan, "std": nan}
-        height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
-        row["size"] = f"{height} × {width}" if height != width else ""  # the paper's are square
-        row["why"] = job.get("error", "") if job["status"] == "unavailable" else job["status"]
-        if job["status"] == "ok":
-            if fit.values["stale"]:
-                row["stale"] = f"{job['codec']}: {fit.values['stale']}"
-            stats = stats_of(job, family, group)
-            if all_exact(stats):
-                row["why"] = EXACT
-            else:
-                row |= {"mean": stats.get("mean"), "std": stats.get("std"), "why": NOT_APPLICABLE if stats else NONE}
-        rows.append(row)
+    rows = [_number(fit, group, family) for fit, group, family in product(fits, _PAIRS, _METRICS)]
     keys = ["material", "paper", "label", "status", "group", "family"]
     frame = pd.DataFrame(rows, columns=[*keys, "by_recipe", "stale", "steps", "size", "why", "mean", "std"])
     numbers = (
@@ -251,6 +247,37 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     )
     numbers["itself"] = numbers["material"] == numbers["paper"]
     return numbers
+
+
+def _number(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
+    """What `_numbers` takes of one job: the mean and the deviation over the slices of a group, and what tells them
+    apart from others."""
+    job = fit.job
+    height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
+    row: dict[str, Any] = {
+        "material": job["material"],
+        "paper": NEAREST.get(job["material"], job["material"]),
+        "label": fit.label,
+        "status": job["status"],
+        "group": group,
+        "family": family,
+        "by_recipe": job.get("codec") == METHOD and as_published(job),
+        "stale": "",
+        "steps": job.get("settings", {}).get("steps", 0),
+        "size": f"{height} × {width}" if height != width else "",  # the paper's are square
+        "why": job.get("error", "") if job["status"] == "unavailable" else job["status"],
+        "mean": nan,
+        "std": nan,
+    }
+    if job["status"] == "ok":
+        if fit.values["stale"]:
+            row["stale"] = f"{job['codec']}: {fit.values['stale']}"
+        stats = stats_of(job, family, group)
+        if all_exact(stats):
+            row["why"] = EXACT
+        else:
+            row |= {"mean": stats.get("mean"), "std": stats.get("std"), "why": NOT_APPLICABLE if stats else NONE}
+    return row
 
 
 def ablation_table(run: Run) -> Table | None:
@@ -276,14 +303,19 @@ def ablation_table(run: Run) -> Table | None:
         "A change is told by the settings that differ from the row “as it is”.",
     ]
 
-    # A row for each label; its parameters and FLOP are those of its first job.
-    by_label = grouped(jobs, lambda job: str(job["label"]))
+    values = pd.DataFrame(_ablation_rows(jobs, materials, Stale(run.jobs)))
+    if values.filter(regex=" psnr$| ssim$").isna().any(axis=None) or values["flops"].isna().any():
+        notes.append(f"{NONE}: not measured.")
+    title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
+    return written("ablation", title, values, columns, notes, words=2)
+
+
+def _ablation_rows(jobs: Sequence[Job], materials: Sequence[str], stale: Stale) -> Iterator[dict[str, Any]]:
+    """The values of each label; its parameters and FLOP are those of its first job."""
     unchanged: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
     for job in jobs:
         unchanged.setdefault(job["codec"], job["label"])
-    rows = []
-    stale = Stale(run.jobs)
-    for label, of_label in by_label.items():
+    for label, of_label in grouped(jobs, lambda job: str(job["label"])).items():
         job = of_label[0]
         unchanged_label = unchanged[job["codec"]]
         settings = label.split()[1:]  # after the codec
@@ -295,14 +327,9 @@ def ablation_table(run: Run) -> Table | None:
             psnr = _mean(jobs, material, label, PSNR)
             row[f"{material} psnr"] = psnr
             row[f"{material} ssim"] = _mean(jobs, material, label, SSIM)
-            is_changed = label != unchanged_label  # that of the codec as it is would be 0
+            is_changed = label != unchanged_label  # the gain of the codec as it is would be 0
             row[f"{material} gain"] = psnr - _mean(jobs, material, unchanged_label, PSNR) if is_changed else nan
-        rows.append(row)
-    values = pd.DataFrame(rows)
-    if values.filter(regex=" psnr$| ssim$").isna().any(axis=None) or values["flops"].isna().any():
-        notes.append(f"{NONE}: not measured.")
-    title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
-    return written("ablation", title, values, columns, notes, words=2)
+        yield row
 
 
 def _gain(material: str) -> Callable[[Row], str]:

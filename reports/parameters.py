@@ -1,12 +1,11 @@
 """The parameters of decoders and the channels of textures, ours beside those published.
 
-The execution `gpu` is the quickest on a GPU.
-
-Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces:
-"NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers in their papers or their authors' code.
+Published numbers of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno,
+Garces: "NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers in their papers or their authors'
+code.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from itertools import chain
 from math import nan
 from typing import Any, NamedTuple, cast
@@ -19,7 +18,7 @@ from reports.numbers import NONE
 from reports.table import Note, Table
 from reports.values import Column, Row, Stale, written
 
-EXECUTIONS = ("eager", "fused", "gpu")
+EXECUTIONS = ("eager", "fused", "gpu")  # `gpu`: the quickest on a GPU
 
 
 class Published(NamedTuple):
@@ -63,61 +62,87 @@ def parameters_table(jobs: Iterable[TimedJob], choice: Choice | None = None) -> 
     The rows of a codec begin with its published recipe; ours follows. A job without the field `run` was not measured:
     `bench.conformance.verdicts.job_of_counts` made it only to count its parameters.
     """
-    # The jobs of each row.
-    jobs = [*jobs]
-    measured = {PUBLISHED[job["codec"]].method for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED}
-    if choice:
-        jobs = [cast(TimedJob, job) for job in choice.of_jobs(jobs)]
-    finished = [job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED]
-    decoders = grouped(finished, _decoder)
-    if not decoders:
+    all_jobs = [*jobs]
+    chosen_jobs = [cast(TimedJob, job) for job in choice.of_jobs(all_jobs)] if choice else all_jobs
+    jobs_of_rows = _jobs_of_rows(_finished(chosen_jobs))
+    if not jobs_of_rows:
         return None
-    # By codec and recipe. Decoders that are equal in both stay in the order of the jobs, because sorting is stable.
-    keys = sorted(decoders, key=lambda key: (key.place, key.is_our_recipe))
-    jobs_of_rows = [decoders[key] for key in keys]  # for each row, the jobs with its decoder
-    # The job that names a row has the shortest label, which has the fewest settings.
-    chosen = [min(same_decoder, key=lambda job: len(job["label"])) for same_decoder in jobs_of_rows]
+    stale = Stale(chosen_jobs)
+    values = pd.DataFrame([_row(same_decoder, stale) for same_decoder in jobs_of_rows])
     counted = list(chain.from_iterable(jobs_of_rows))
+    gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
 
     columns = [Column("method", "", "method"), Column("codec", "", "codec")]
     for quantity in ("param.", "channels"):
         columns += [Column(quantity, "ours", f"{quantity} ours", 0), Column(quantity, "paper", f"{quantity} paper", 0)]
         columns.append(Column(quantity, "diff.", f"{quantity} difference", 0, write=_difference(quantity)))
-
-    # Title and notes.
+    notes = _notes(counted, methods={PUBLISHED[job["codec"]].method for job in _finished(all_jobs)})
+    if any(job.get("ns") for job in counted):  # the times stand to the right of the counts
+        columns += _time_columns(gpus)
+        notes.append(_note_on_times(gpus))
     title = "Decoder parameters and texture channels, beside those published"
+    return written("parameters", title, values, columns, notes, words=2)
+
+
+def _finished(jobs: Iterable[TimedJob]) -> list[TimedJob]:
+    """The finished jobs of the codecs in `PUBLISHED`."""
+    return [job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED]
+
+
+def _jobs_of_rows(jobs: Iterable[TimedJob]) -> list[list[TimedJob]]:
+    """For each row, in their order, the jobs with its decoder."""
+    decoders = grouped(jobs, _decoder)
+    # By codec and recipe. Decoders that are equal in both stay in the order of the jobs, because sorting is stable.
+    keys = sorted(decoders, key=lambda key: (key.place, key.is_our_recipe))
+    return [decoders[key] for key in keys]
+
+
+def _row(same_decoder: Sequence[TimedJob], stale: Stale) -> dict[str, Any]:
+    """The values of the row of some jobs with one decoder: the counts, and the times in ns, NaN where none was timed.
+
+    The job that names the row has the shortest label, which has the fewest settings.
+    """
+    job = min(same_decoder, key=lambda job: len(job["label"]))
+    paper = _published(job)
+    times = _times(same_decoder)
+    return {
+        "method": paper.method,
+        "codec": shown_label(job),
+        "ns paper": paper.ns,
+        **_beside("param.", cast(int, job["parameters"]), paper.parameters),
+        **_beside("channels", job["cost"]["texture_channels"], paper.channels),
+        **{name: times.get(name, nan) for name in EXECUTIONS},
+        "stale": stale.of(each.get("job", "") for each in same_decoder),
+    }
+
+
+def _notes(counted: Iterable[TimedJob], methods: Collection[str]) -> list[str]:
+    """How the jobs of the table were counted, and which methods are not among the `methods` that were measured."""
     notes = [
         "Ours: counted by torchinfo in what a codec file decodes to. Channels and inputs: docs/metrics.md, “Tables”."
     ]
     if any("run" not in job for job in counted):
         notes += ["recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."]
-    absent = dict.fromkeys(paper.method for paper in PUBLISHED.values() if paper.method not in measured)
+    absent = dict.fromkeys(paper.method for paper in PUBLISHED.values() if paper.method not in methods)
     if absent:
         notes.append(f"{NONE} {', '.join(absent)}: no codec of this method was measured.")
+    return notes
 
-    # The counts, and to their right the times, if a job has any.
-    stale = Stale(jobs)
-    rows = []
-    for job in chosen:
-        paper = _published(job)
-        row: dict[str, Any] = {"method": paper.method, "codec": shown_label(job), "ns paper": paper.ns}
-        row |= _beside("param.", cast(int, job["parameters"]), paper.parameters)
-        rows.append(row | _beside("channels", job["cost"]["texture_channels"], paper.channels))
-    times = [_times(same_decoder) for same_decoder in jobs_of_rows]
-    if any(times):
-        gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
-        columns += [Column("a sample", "ns eager", "eager", 0), Column("a sample", "ns fused", "fused", 0)]
-        if gpus:
-            columns.append(Column("a sample", "ns GPU", "gpu", 1))
-        columns.append(Column("a sample", "ns paper", "ns paper"))
-        rows = [row | {name: ns.get(name, nan) for name in EXECUTIONS} for row, ns in zip(rows, times, strict=True)]
-        about_times = "Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name."
-        if gpus:
-            about_times += f" GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20."
-        notes.append(Note((about_times, lambda name: name == "a sample")))
-    values = pd.DataFrame(rows)
-    values["stale"] = [stale.of(job.get("job", "") for job in same_decoder) for same_decoder in jobs_of_rows]
-    return written("parameters", title, values, columns, notes, words=2)
+
+def _time_columns(gpus: Sequence[str]) -> list[Column]:
+    """The columns of the times of a sample; `gpus` are the names of the GPUs on which some were timed."""
+    columns = [Column("a sample", "ns eager", "eager", 0), Column("a sample", "ns fused", "fused", 0)]
+    if gpus:
+        columns.append(Column("a sample", "ns GPU", "gpu", 1))
+    return [*columns, Column("a sample", "ns paper", "ns paper")]
+
+
+def _note_on_times(gpus: Sequence[str]) -> Note:
+    """The note on the columns of `_time_columns`."""
+    text = "Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name."
+    if gpus:
+        text += f" GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20."
+    return Note((text, lambda name: name == "a sample"))
 
 
 class _Decoder(NamedTuple):

@@ -93,6 +93,7 @@ class CodecRows:
 
     @cached_property
     def measured(self) -> list[Row]:
+        """The rows whose numbers may be compared."""
         return [row for row in self.rows if row.measured]
 
     @property
@@ -128,6 +129,7 @@ class MaterialRows:
 
     @cached_property
     def measured(self) -> list[Row]:
+        """The rows whose numbers may be compared."""
         return [row for row in self.rows if row.measured]
 
     @cached_property

@@ -1,9 +1,9 @@
 """The rungs of a run, the curves that they make, and what is read off these: numbers for tables and figures.
 
 A *budget* is a limit on the bytes of a file, on the time of a query or on the time of a fit. Rungs are chosen by
-*validation* pairs of directions, and shown with their scores at *test* pairs. The *curve* of a line on a surface joins
-its rungs on the upper convex hull of validation PSNR over log bytes; from the best rung it goes on level to the largest
-that was measured, since a file may be smaller than it may be. It is never extrapolated. docs/metrics.md has the rules.
+validation pairs, and shown with their scores at test pairs. The *curve* of a line on a surface joins its rungs on the
+upper convex hull of validation PSNR over log bytes; from the best rung it goes on level to the largest that was
+measured, because a larger limit allows the smaller file, too. It is never extrapolated. docs/metrics.md has the rules.
 
 Tables of lines have a row a line and a column a surface, with NaN where a line has no value.
 """
@@ -206,16 +206,17 @@ class Rungs:
         """
         places = self._places
         columns = [places.surfaces.index(name) for name in surfaces]
-        wanted = np.isin(places.surface, columns)
-        common = np.bincount(places.setting[wanted], minlength=len(self.frame))[places.setting] == len(surfaces)
+        on_them = np.isin(places.surface, columns)  # of each rung, as the next two
+        surfaces_of_setting = np.bincount(places.setting[on_them], minlength=len(self.frame))
+        of_common_setting = surfaces_of_setting[places.setting] == len(surfaces)
         cost = "bits" if budget.kind == BYTES else budget.kind
-        fits = wanted & common & (self._columns[cost] <= budget.most)
+        fits = on_them & of_common_setting & (self._columns[cost] <= budget.most)
         # From the best on, so that the first of each line and surface is the one.
         best_first = np.lexsort([self._columns[cost], self._columns["bits"], -self._columns["validation"]])
         best_first = best_first[fits[best_first]]
-        of_cells = places.line[best_first] * len(places.surfaces) + places.surface[best_first]
-        cells, first = np.unique(of_cells, return_index=True)
-        table = np.full((len(places.lines), len(places.surfaces)), -1)
+        cell_of_rung = places.line[best_first] * len(places.surfaces) + places.surface[best_first]
+        cells, first = np.unique(cell_of_rung, return_index=True)
+        table = np.full((len(places.lines), len(places.surfaces)), -1)  # −1: no rung
         table.flat[cells] = best_first[first]
         table = table[:, columns]
         full = np.flatnonzero((table >= 0).all(1))
@@ -235,19 +236,19 @@ class Rungs:
         if budget.kind != BYTES:  # no curve leads from one time to another
             return found
         read = self.read(budget.most, score, to_end=True)[[*surfaces]].dropna()
-        return pd.concat([found[~found.index.isin(read.index)], read]).reindex(
-            found.index.union(read.index, sort=False)
-        )
+        lines = found.index.union(read.index, sort=False)
+        return pd.concat([found[~found.index.isin(read.index)], read]).reindex(lines)
 
     def ranked(self, budget: Budget, surfaces: Sequence[str], score: str = "psnr") -> pd.Series:
         """By line: the median over surfaces of what it reaches within a budget, the best first."""
         return median_over(self.reached(budget, surfaces, score)).sort_values(ascending=score == "flip", kind="stable")
 
     def readings(self, budget: Budget, surfaces: Sequence[str]) -> pd.DataFrame:
-        """By line: its median PSNR over surfaces at a size, `value`, the best first; without lines that don't reach it.
+        """By line: `value`, its median PSNR over surfaces at a size, the best first; without lines that don't reach it.
 
-        `bound`: it has no curve there, so this is of the best rungs within the size; with a rung of just this size it
-        might have more. Within a time it is that of the best rungs in time, and no bound.
+        `bound` is true of a line without a curve on any of them: its value is that of the best rungs within the size,
+        and with a rung of just this size it might have more. Within a time the value is that of the best rungs in time,
+        and `bound` is false.
         """
         of_rungs = median_over(self.of_picks(self.picks(budget, surfaces))).dropna()
         found = pd.DataFrame({"value": of_rungs, "bound": budget.kind == BYTES})
@@ -358,25 +359,28 @@ def _drawn(seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> np.nda
     """Means over seeds that are drawn with replacement, (`DRAWS`, rungs), given those of each rung."""
     counts = np.array([len(own) for own in seeds])
     several = counts[counts > 1]  # of one seed nothing is drawn
-    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))
-    first = np.repeat(np.cumsum([0, *several[:-1]]), several)  # the place of each one's first seed among all
-    values = np.concatenate([own for own in seeds if len(own) > 1])[first + numbers]
+    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))  # of seeds of their rung
+    starts = np.cumsum([0, *several[:-1]])  # the place of the first seed of each such rung among all their seeds
+    places = np.repeat(starts, several) + numbers
+    values = np.concatenate([own for own in seeds if len(own) > 1])[places]
     means = np.tile([own[0] for own in seeds], (DRAWS, 1))
-    means[:, counts > 1] = np.add.reduceat(values, np.unique(first), axis=1) / several
+    means[:, counts > 1] = np.add.reduceat(values, starts, axis=1) / several
     return means
 
 
 def _weights(ours: Hull, theirs: Hull) -> np.ndarray:
-    """The weight of each rung of two hulls in their BD-PSNR, (rungs,), which is linear in the values of curves."""
-    rungs = [(0, rung) for rung in ours.once] + [(1, rung) for rung in theirs.once]
-    weights = []
-    for side, rung in rungs:
-        curves = [
-            Curve(hull.sizes, [float((side, rung) == (own, each)) for each in hull.rungs])
-            for own, hull in enumerate((ours, theirs))
-        ]
-        weights.append(bd_psnr(*curves))
+    """The weight of each rung of two hulls in their BD-PSNR, (rungs,), ours first.
+
+    BD-PSNR is linear in the values of curves, so a weight is that of curves with the value 1 at the rung alone.
+    """
+    weights = [bd_psnr(_one_at(ours, rung), _one_at(theirs)) for rung in ours.once]
+    weights += [bd_psnr(_one_at(ours), _one_at(theirs, rung)) for rung in theirs.once]
     return np.array(weights, float)
+
+
+def _one_at(hull: Hull, rung: int | None = None) -> Curve:
+    """The curve of a hull with the value 1 at a rung, and 0 at all others; without a rung 0 at all."""
+    return Curve(hull.sizes, [float(each == rung) for each in hull.rungs])
 
 
 def _by_line(found: Mapping[str, Mapping[str, float | None]], surfaces: Iterable[str]) -> pd.DataFrame:
@@ -401,11 +405,29 @@ def rungs_of(run: Run) -> Rungs:
         return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, {}, without, [])
     frame = frame_of(replace(run, jobs=Records(scored)), records=False)
     unlike = [scored[name] for name in frame.loc[frame["why"] != "", "job"]]
-    named = ["line", "codec", "label", "material", "surface", "setting", "job", "stale"]
-    values = frame.loc[frame["why"] == "", named].copy()
+    comparable = frame[frame["why"] == ""]
+    values = _values_of_jobs(comparable, [scored[name] for name in comparable["job"]])
+    rungs = _means_over_seeds(values)
+
+    within_a_budget = rungs["bits"] <= BITS[-1]
+    for kind in (EAGER, FUSED, FIT):
+        within_a_budget |= rungs[kind] <= (SECONDS if kind == FIT else TIMES)[-1]
+    materials = set(rungs.loc[within_a_budget, "material"])
+    last: Any = values.drop_duplicates("material", keep="last").set_index("material").to_dict("index")
+    in_order = values["material"].unique()  # that of the records
+    surfaces = {material: last[material]["surface"] for material in in_order if material in materials}
+    shapes = {material: (int(row["height"]), int(row["width"])) for material, row in last.items()}
+    stale = values[values["stale"] != ""].drop_duplicates(["line", "material"], keep="last")
+    reasons = stale["codec"] + ": " + stale["stale"]
+    stale_of = dict(zip(zip(stale["line"], stale["material"], strict=True), reasons, strict=True))
+    return Rungs(rungs, surfaces, shapes, stale_of, without, unlike)
+
+
+def _values_of_jobs(frame: pd.DataFrame, jobs: Sequence[Job]) -> pd.DataFrame:
+    """What rungs are made of: a row a job, with its names, scores and costs; `frame` has the rows of these jobs."""
+    values = frame[["line", "codec", "label", "material", "surface", "setting", "job", "stale"]].copy()
     values[[EAGER, FUSED]] = frame[[EAGER, FUSED]].astype(float)
     values[FIT] = frame["fit_seconds"].astype(float).replace(0.0, np.nan)
-    jobs = [scored[name] for name in values["job"]]
     values[["height", "width"]] = [job["shape"] for job in jobs]
     values["total"] = [job["bytes"]["total"] for job in jobs]
     values["resident"] = _floats(job.get("resident") for job in jobs)
@@ -414,7 +436,11 @@ def rungs_of(run: Run) -> Rungs:
         values[name] = _floats(stats_of(job, family).get(statistic) for job in jobs)
     for side in FOOTPRINTS:
         values[side] = _floats(job.get("footprints", {}).get(side, {}).get("mean") for job in jobs)
+    return values
 
+
+def _means_over_seeds(values: pd.DataFrame) -> pd.DataFrame:
+    """The rungs of the jobs of `_values_of_jobs`, as `Rungs.frame` has them."""
     # By label, which names what differs from the defaults: a setting that is added later splits no rung.
     grouped = values.groupby(["line", "label", "material"], sort=False)
     rungs = grouped[["codec", "setting", "job", "height", "width"]].first()
@@ -431,23 +457,7 @@ def rungs_of(run: Run) -> Rungs:
     rungs = rungs.iloc[order].reset_index(drop=True)
     rungs["total"] = rungs["total"].round()  # the mean of files; the largest would grow with the number of seeds
     rungs["bits"] = 8 * rungs["total"] / (rungs["height"] * rungs["width"])
-
-    last: Any = values.drop_duplicates("material", keep="last").set_index("material").to_dict("index")
-    stale = values[values["stale"] != ""].drop_duplicates(["line", "material"], keep="last")
-    reasons = stale["codec"] + ": " + stale["stale"]
-    everything = Rungs(
-        rungs,
-        {material: last[material]["surface"] for material in values["material"].unique()},
-        {name: (int(row["height"]), int(row["width"])) for name, row in last.items()},
-        dict(zip(zip(stale["line"], stale["material"], strict=True), reasons, strict=True)),
-        without,
-        unlike,
-    )
-    fits = rungs["bits"] <= BITS[-1]
-    for kind in (EAGER, FUSED, FIT):
-        fits |= rungs[kind] <= (SECONDS if kind == FIT else TIMES)[-1]
-    within = set(rungs.loc[fits, "material"])
-    return replace(everything, surfaces={name: kind for name, kind in everything.surfaces.items() if name in within})
+    return rungs
 
 
 def _floats(values: Iterable[float | None]) -> list[float]:

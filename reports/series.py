@@ -106,13 +106,9 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
 
     # The curves of fits; their axis is the same seconds.
     labels = {codec.label for codec in in_crowded_plots}
-    fit_points = {}  # by label: [seconds, PSNR]
     drawn = [fit for fit in curves if fit.label in labels]
-    for fit in drawn:
-        # The axis is logarithmic, so it has no place for 0 seconds.
-        fit_points[fit.label] = [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0]
     quality_in_fit = f"{QUALITY} (training samples)"
-    yield plot("fits", f"Quality over seconds{remark}", x, quality_in_fit, _lines(fit_points), stages_note(drawn))
+    yield plot("fits", f"Quality over seconds{remark}", x, quality_in_fit, _fit_lines(drawn), stages_note(drawn))
 
     # Quality over footprints. A plot of single points would show no change of quality, so it is left without points.
     footprint_points = {codec.label: _footprints(codec) for codec in in_crowded_plots}
@@ -125,12 +121,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
 
     # The spread of slices, a row a codec: the y axis has no label.
     x = {"label": f"{QUALITY} a slice: from the worst 5 % to the best 5 %, the middle half thick", "unit": "dB"}
-    series = []
-    for codec in in_crowded_plots:
-        quantiles = _quantiles(run, codec.measured[0]) if codec.measured else []  # of the first seed
-        if quantiles:
-            series.append({"label": codec.label, "points": [quantiles]})
-    yield plot("slices", f"Slices by their error{remark}", x, "", series)
+    yield plot("slices", f"Slices by their error{remark}", x, "", _spreads(run, in_crowded_plots))
 
 
 def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
@@ -170,6 +161,25 @@ def _fit_seconds(row: Row) -> list[float] | None:
     """The seconds of a fit in a list; None if they are not known, as for a file that was handed in."""
     seconds = row.job.get("fit_seconds")
     return [seconds] if seconds else None
+
+
+def _fit_lines(fits: Sequence[FitCurve]) -> Series:
+    """An entry with a line for each fit, its points [seconds, PSNR in dB]."""
+    points_by_label = {}
+    for fit in fits:
+        # The axis is logarithmic, so it has no place for 0 seconds.
+        points_by_label[fit.label] = [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0]
+    return _lines(points_by_label)
+
+
+def _spreads(run: Run, codecs: Sequence[CodecRows]) -> Series:
+    """An entry for each codec whose first seed has the PSNR of its slices: its one point are their quantiles."""
+    series = []
+    for codec in codecs:
+        quantiles = _quantiles(run, codec.measured[0]) if codec.measured else []
+        if quantiles:
+            series.append({"label": codec.label, "points": [quantiles]})
+    return series
 
 
 def _lines(curves: dict[str, list[list[float]]]) -> Series:

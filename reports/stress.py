@@ -8,6 +8,7 @@ sentence, and in `used` which share of what is allowed was used. Only codecs hav
 
 from collections import Counter
 from collections.abc import Iterable
+from string import ascii_lowercase
 
 from bench.records import FILE, STRESS, Run, Stress, load_run
 from reports.numbers import NONE
@@ -104,7 +105,9 @@ class _Cells:
     def __init__(self, records: list[Stress]):
         self.records = {(record["subject"], record["extreme"]): record for record in records}
         reasons = dict.fromkeys(record["detail"] for record in records if record["verdict"] == "n/a")
-        self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}  # a, b, c, …
+        self.letters: dict[str, str] = {}  # by reason: a, b, …, z, aa, bb, …
+        for i, reason in enumerate(reasons):
+            self.letters[reason] = ascii_lowercase[i % 26] * (1 + i // 26)
 
     def text(self, subject: str, extreme: str) -> str:
         """The text of a cell: the verdict with its figure, as “pass 31.2 dB”; `n/a` with the letter of the reason; a

@@ -69,7 +69,10 @@ class Styles:
         }
 
     def of_line(self, line: str) -> dict[str, Any]:
-        """The same for a line of budgets, "codec" or "codec, as published": as its codec, and not dashed."""
+        """The arguments of `plot` for a line of budgets, "codec" or "codec, as published": as `of_codec`, not dashed.
+
+        `KeyError` for a line of which the run has no job.
+        """
         return self.of_codec(self.codec_of_line[line]) | {"linestyle": "-"}
 
 

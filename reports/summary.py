@@ -3,8 +3,7 @@
 A *codec* is here one with its settings; it has one row. Its *standing* is its place by PSNR among the codecs: the mean
 of its *ranks* on the materials, and the number that it *won*, on which none is better. Only a codec that was measured
 on all materials has a rank; a model of a scene has none. The codecs are *set against* one row by paired differences:
-the mean over slices (pictures at one pair of directions) of its PSNR minus that row's, in dB. *Told apart* are two
-whose difference is hardly chance.
+the mean over slices of its PSNR minus that row's, in dB. *Told apart* are two whose difference is hardly chance.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
+from bench.compare.ranks import Standing
 from bench.records import Run
 from reports.by_material import Measure, in_summary, rows_of
 from reports.notes import (
@@ -72,19 +72,11 @@ def summary_table(
         columns.append(Column(measure.name, measure.unit, measure.name, measure.digits, after=after, unranked=apart))
     rows = []
     for standing in ranking:
-        on_each = on_materials[standing.label]
-        row: dict[str, Any] = {
-            "codec": standing.label,
-            "stale": next((on["stale"] for on in reversed(on_each) if on["stale"]), "") if stale else "",
-            "timed apart": any(on["timed apart"] for on in on_each),
-            "materials": standing.materials,
-            "mean rank": standing.rank,
-            "won": standing.wins,
-            "PSNR": standing.psnr,
-            **{measure.name: _mean([on.get(measure.name, (nan, nan)) for on in on_each]) for measure in measures},
-        }
+        row = _row(standing, on_materials[standing.label], measures)
         if standing.rank is None:
             row |= {column.field: nan for column in columns[2:]}
+        if not stale:
+            row["stale"] = ""
         rows.append(row)
     notes_on_differences: list[Note] = []
     # To the right, the differences to one row; they are never marked.
@@ -95,31 +87,54 @@ def summary_table(
         columns += differences.columns
         rows = [row | values for row, values in zip(rows, differences.rows, strict=True)]
         notes_on_differences = differences.notes
-    notes: list[str] = ["Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR."]
-    notes += [
-        *dark_notes(measured),
-        *recipe_notes(measured),
-        *scene_notes(measured),
-        *lacking_notes(measured),
-        *notes_on_differences,
-    ]
-    # Notes on times, which only a time that may be compared needs, and on what is left out.
-    timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
-    notes += [about_times(text) for text in (*one_texel_notes(timed), *height_notes(measured))]
-    notes += left_out_notes(run, materials)
-    missing = missing_note(run)
-    if missing:
-        notes.append(Apart(missing))
+    notes = [*_notes_on_codecs(measured), *notes_on_differences, *_notes_on_the_rest(run, materials, measured)]
     materials_in_words = ", ".join(material.name for material in measured)
     title = f"Summary over {len(measured)} material{'s' if len(measured) > 1 else ''}: {materials_in_words}"
     return written("summary", title, pd.DataFrame(rows, dtype=object), columns, notes)
 
 
-def _on_materials(measured: Sequence[MaterialRows]) -> tuple[list[Measure], dict[str, list[Mapping[str, Any]]]]:
-    """The columns after that of PSNR; and by label of a codec its means over seeds on each of its materials.
+def _row(standing: Standing, on_each: Sequence[Mapping[str, Any]], measures: Sequence[Measure]) -> dict[str, Any]:
+    """The values of a codec by column, as means over its materials; `on_each` is what `_on_materials` says of it."""
+    return {
+        "codec": standing.label,
+        "stale": next((on["stale"] for on in reversed(on_each) if on["stale"]), ""),
+        "timed apart": any(on["timed apart"] for on in on_each),
+        "materials": standing.materials,
+        "mean rank": standing.rank,
+        "won": standing.wins,
+        "PSNR": standing.psnr,
+        **{measure.name: _mean([on.get(measure.name, (nan, nan)) for on in on_each]) for measure in measures},
+    }
 
-    By name of a column, these are two: one that is infinite if no slice has an error, and what it then counts as in
-    means, such as 48.13 dB. Beside them stand the columns `stale` and `timed apart` of `reports.by_material.rows_of`.
+
+def _notes_on_codecs(measured: Sequence[MaterialRows]) -> list[str]:
+    """Notes on what the rows are means of, and on materials and codecs that are special."""
+    return [
+        "Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR.",
+        *dark_notes(measured),
+        *recipe_notes(measured),
+        *scene_notes(measured),
+        *lacking_notes(measured),
+    ]
+
+
+def _notes_on_the_rest(run: Run, materials: Sequence[MaterialRows], measured: Sequence[MaterialRows]) -> list[str]:
+    """Notes on times, which only a time that may be compared needs, and on what is left out or missing."""
+    timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
+    notes: list[str] = [about_times(text) for text in (*one_texel_notes(timed), *height_notes(measured))]
+    notes += left_out_notes(run, materials)
+    missing = missing_note(run)
+    if missing:
+        notes.append(Apart(missing))
+    return notes
+
+
+def _on_materials(measured: Sequence[MaterialRows]) -> tuple[list[Measure], dict[str, list[Mapping[str, Any]]]]:
+    """The columns after that of PSNR; and by label of a codec its values on each of its materials.
+
+    Its values on a material are, by name of a column, two means over seeds: one that is infinite if no slice has an
+    error, and one in which such a slice counts as a number, such as 48.13 dB. Beside them stand the columns `stale` and
+    `timed apart` of `reports.by_material.rows_of`.
     """
     measures: dict[str, Measure] = {}  # by name: two variants of a metric are one column
     found: dict[str, list[Mapping[str, Any]]] = {}

@@ -46,10 +46,10 @@ def variant_tables(run: Run, kind: str) -> Iterator[Table]:
 
 
 def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
-    """A table with a row a setting, the quickest first; none without timings. Sorts `timings` in place."""
+    """A table with a row a setting, the quickest first; none without timings."""
     if not timings:
         return
-    timings.sort(key=lambda timing: float(timing["ratio_to_floor"]))
+    quickest_first = sorted(timings, key=lambda timing: float(timing["ratio_to_floor"]))
     columns = [Column("setting", "", "label"), Column("a query", "× floor ↓", "ratio_to_floor", -3, ranked=False)]
     columns += [Column("rounds", "× floor", "least", -3, beside="most", pair=" to {}")]
     columns += [Column("between texels", "× floor ↓", "ratio_between_texels", -3, ranked=False)]
@@ -57,8 +57,8 @@ def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
         Column("a sample", "ns ↓", "ns_per_sample", -3, ranked=False),
         Column("operations", "a query", "flops", 0),
     ]
-    values = pd.DataFrame([_row(timing) for timing in timings])
-    yield written("times", f"Times of settings: {_conditions(run, timings[0])}", values, columns, [_NOTE])
+    values = pd.DataFrame([_row(timing) for timing in quickest_first])
+    yield written("times", f"Times of settings: {_conditions(run, quickest_first[0])}", values, columns, [_NOTE])
 
 
 def _row(timing: Timing) -> dict[str, Any]:
@@ -104,14 +104,18 @@ def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
 
 def _of_gpu(timings: list[Timing]) -> Iterator[Table]:
     """A table of bytes read, memory and energy, with a row a setting, execution and precision; none without a GPU."""
+    of_gpu = [timing for timing in timings if "read_bytes" in timing]
+    if not of_gpu:
+        return
+    usual = usual_batch(timings)
     rows = []
-    for timing in timings:
-        if "read_bytes" in timing and timing["batch"] == usual_batch(timings):
+    for timing in of_gpu:
+        if timing["batch"] == usual:
             ns = timing["ns_per_sample"]
             row: dict[str, Any] = {"setting": _setting(timing["label"]), "variant": variant_of(timing)}
-            row |= {"rate": timing["read_bytes"] / ns}  # bytes a ns are gigabytes a second
-            row |= {"memory": timing.get("memory", nan) / 2**20}
-            row |= {"energy": timing.get("watts", nan) * ns}  # a watt for a ns is a nanojoule
+            row["rate"] = timing["read_bytes"] / ns  # bytes a ns are gigabytes a second
+            row["memory"] = timing.get("memory", nan) / 2**20
+            row["energy"] = timing.get("watts", nan) * ns  # a watt for a ns is a nanojoule
             rows.append(row)
     if not rows:
         return
@@ -165,15 +169,14 @@ def _batches(timings: list[Timing]) -> Iterator[Table]:
 
 
 def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
-    """A table with a row a setting: milliseconds of a step of its fit, the quickest first; none without timings. Sorts
-    `timings` in place."""
+    """A table with a row a setting: milliseconds of a step of its fit, the quickest first; none without timings."""
     if not timings:
         return
-    timings.sort(key=lambda timing: float(timing["ns_per_sample"]))
+    quickest_first = sorted(timings, key=lambda timing: float(timing["ns_per_sample"]))
     # Here a "sample" is one step.
-    rows = [{"setting": timing["label"], "milliseconds": timing["ns_per_sample"] / 1e6} for timing in timings]
+    rows = [{"setting": timing["label"], "milliseconds": timing["ns_per_sample"] / 1e6} for timing in quickest_first]
     columns = [Column("setting", "", "setting"), Column("a step", "ms ↓", "milliseconds", -3, ranked=False)]
-    place = timed_on(timings[0], _processor(run, timings[0]))
+    place = timed_on(quickest_first[0], _processor(run, quickest_first[0]))
     yield written("times", f"Steps of fits: {place}", pd.DataFrame(rows), columns, [])
 
 

@@ -75,8 +75,6 @@ _NOISE = [
 ]
 _EXACT = ("psnr", "worst")  # None in a record: no slice, or not that one, has an error
 _NUMBERS = ("psnr", "worst", "flip", "bytes", "ns_per_sample", "ratio_to_floor", "limit_ns")
-
-
 _ABOVE = (
     "* A share above 100 %: the machine was disturbed while its ceilings were measured, or the data stay in a cache, "
     "which reads faster than the copy that sets the ceiling."
@@ -84,10 +82,10 @@ _ABOVE = (
 
 
 def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale: Stale, whole: bool) -> Table:
-    """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured. Unless it is `whole`,
-    those on no front have none.
+    """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
 
-    `sentences` are about the material, such as which choice is the fastest: they are its first notes.
+    Without `whole`, choices on no front are left out. `sentences` are about the material, such as which choice is the
+    fastest: they are its first notes.
     """
     measured = [row for row in rows if "of" in row and "error" not in row]
     fronts = {"speed": on_front(measured, "ns_per_sample"), "rate": on_front(measured, "bytes")}

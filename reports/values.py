@@ -62,6 +62,7 @@ class Column(NamedTuple):
         return before + self._number(value) + beside + after
 
     def _number(self, value: float) -> str:
+        """A finite number with the digits, and the sign, of this column."""
         if self.digits < 0:
             return significant(value, -self.digits)
         return signed(value, self.digits) if self.signed else fixed(value, self.digits)

@@ -8,7 +8,6 @@ of a job says how its material was made, and whether its pictures are free.
 
 import hashlib
 import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -116,14 +115,15 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
             # Only what may be published of a job: nothing of this machine.
             jobs = Records({job["job"]: published_job(job, source.run.folder) for job in source.run.jobs})
             runs_beside_records.append(replace(source, run=replace(source.run, jobs=jobs)))
-    sources_of_name = Counter[str]()
-    sources = []
+    sources: dict[str, Publication] = {}  # by name
     for source in (*records, *runs_beside_records):
-        sources_of_name[source.name] += 1
-        count = sources_of_name[source.name]
-        name = source.name if count == 1 else f"{source.name} ({count})"
-        sources.append(replace(source, name=name, run=_with_paths(source.run, at_hand)))
-    return sources
+        name = source.name
+        number = 1
+        while name in sources:
+            number += 1
+            name = f"{source.name} ({number})"
+        sources[name] = replace(source, name=name, run=_with_paths(source.run, at_hand))
+    return list(sources.values())
 
 
 def _with_paths(run: Run, at_hand: "_AtHand") -> Run:
@@ -154,8 +154,10 @@ _AtHand = dict[tuple[str, ...], tuple[Run, Job]]
 
 
 def _key(job: Job) -> tuple[str, ...]:
-    """The key of a measured codec file: the name of its job, its hash, and the hash of its data. A job at
-    hand with the key of a record is of the same file, so its pictures are the record's."""
+    """The key of a measured codec file: the name of its job, its hash, and the hash of its data.
+
+    A job at hand with the key of a record is of the same file, so its pictures are the record's.
+    """
     score_key = job.get("score_key", {})
     return job["job"], str(score_key.get("sha256")), str(score_key.get("btf"))
 

@@ -104,23 +104,27 @@ def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
     `name` is that of the codec.
     """
     rows = []
-    headers: list[tuple[str, str]] = []
+    headers_of_numbers: list[tuple[str, str]] = []  # the same of each material
     for source in sources:
         for material in source.materials:
             measures = by_material.in_short(material)
-            headers = [(measure.name, measure.unit) for measure in measures]
+            headers_of_numbers = [(measure.name, measure.unit) for measure in measures]
             own = [row for row in material.rows if codec_of(row.label) == name]
-            # Each row alone; of one without numbers that may be compared, the cells are dashes.
-            alone = [CodecRows(row.label, [row] if row.measured else []) for row in own]
-            values = pd.DataFrame(by_material.rows_of(alone, measures), dtype=object)
-            for row, shown in zip(own, values.to_dict("records"), strict=True):
-                numbers = [measure.column(values).cell(shown) for measure in measures]
+            for row, numbers in zip(own, _number_cells(own, measures), strict=True):
                 rows.append([material.name, source.title, row.label, *numbers, *_origin_cells(source, row)])
     if not rows:
         return None
-    headers = [("material", ""), ("results", ""), ("row", ""), *headers]
+    headers = [("material", ""), ("results", ""), ("row", ""), *headers_of_numbers]
     headers += [(header, "") for header in _ORIGIN_HEADERS]
     return Table("rows", f"{name}: every row", headers, rows, [STATES], words=3)
+
+
+def _number_cells(rows: Sequence[Row], measures: Sequence[by_material.Measure]) -> Iterator[list[str]]:
+    """The cells of the measures of each row alone; of one without numbers that may be compared, dashes."""
+    alone = [CodecRows(row.label, [row] if row.measured else []) for row in rows]
+    values = pd.DataFrame(by_material.rows_of(alone, measures), dtype=object)
+    for shown in values.to_dict("records"):
+        yield [measure.column(values).cell(shown) for measure in measures]
 
 
 def places(names: Iterable[str], sources: Sequence[Publication]) -> dict[str, list[Place]]:
@@ -164,13 +168,15 @@ def _place(comparison: Comparison, name: str) -> Place | None:
 
 
 def _psnr(entry: Entry) -> float:
+    """The PSNR of an entry, to choose the best by."""
     return entry.psnr
 
 
 def _at_budgets(source: Publication) -> Iterator[Comparison]:
     """The comparison on each surface at each budget, by what each line reaches within it at test pairs."""
     rungs = rungs_of(source.run)
-    codecs, bits_of_rung = rungs.codecs, rungs.frame["bits"].tolist()
+    codecs = rungs.codecs
+    bits_of_rung = rungs.frame["bits"].tolist()
     for budget in rungs.limits:
         for material in rungs.surfaces:
             height, width = rungs.shapes[material]
@@ -210,6 +216,7 @@ def standing(name: str, places: Sequence[Place]) -> Table | None:
 
 
 def _decibels(psnr: float) -> str:
+    """A PSNR as a cell; “exact” where it is infinite."""
     return EXACT if psnr == math.inf else fixed(psnr, 2)
 
 

@@ -77,16 +77,19 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
             sheet.picture(left, top, enlarged(pictures["decoded"][k], factor))
             if "flip" in pictures:  # FLIP maps are not made of very small slices
                 sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][k], factor))
-                if means[k]:  # its mean on a shade in the lower right corner of the map
-                    right = left + 2 * cell_width
-                    bottom = top + cell_height
-                    shade_height, shade_width = _SHADE_SIZE
-                    sheet.picture(right - shade_width, bottom - shade_height - 1, _SHADE)
-                    sheet.text(right - 4, bottom - 9, means[k], color="white", fontsize=7.5, ha="right")
+                _draw_mean(sheet, means[k], right=left + 2 * cell_width, bottom=top + cell_height)
     flip_scale(sheet, _LEFT + cell_width + _MAP_GAP, _TOP + cell_height // 2, cell_width)
     if left_out:
         sheet.text(_GAP, sheet.height - _BOTTOM / 2, left_out_words(left_out, sheet.width))
     return Figure(material.name, "contact", title, sheet.png(), sheet)
+
+
+def _draw_mean(sheet: Sheet, mean: str, right: int, bottom: int) -> None:
+    """Write the mean of a FLIP map on a shade in its corner at `right` and `bottom` in pixels; nothing if it is ""."""
+    if mean:
+        shade_height, shade_width = _SHADE_SIZE
+        sheet.picture(right - shade_width, bottom - shade_height - 1, _SHADE)
+        sheet.text(right - 4, bottom - 9, mean, color="white", fontsize=7.5, ha="right")
 
 
 def left_out_words(labels: Sequence[str], width: int) -> str:

@@ -95,8 +95,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
         for i, (_, polar) in enumerate(maps):
             values[side, i] = np.array(polar[side]["value"], float)
     tops = [np.nanmax(value) for value in values.values() if np.isfinite(value).any()]
-    top = max(tops, default=1.0)
-    scale = Normalize(0, top)
+    scale = Normalize(0, max(tops, default=0) or 1)  # a range also where no codec has an error
     # A block is a codec's two discs, the hemisphere of views above that of lights.
     lines, per_line = grid_of(len(maps), columns=6)
     # At least four blocks wide: the title and the split stand on one line.

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from textwrap import fill
 from typing import Any
 
+from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import NullLocator
 
 from bench.compare.choosing import is_plain, on_front
@@ -30,12 +31,12 @@ def fronts(run: Run) -> Iterator[Figure]:
     for front in front_plots(run):
         with style():
             title = f"Quality over bytes and time, {front.kind} surfaces"
-            drawing = _drawn(front, styles)
+            drawing = _drawn_front(front, styles)
             yield Figure("", f"fronts-{front.kind}", title, png(drawing), drawing)
 
 
-def _drawn(front: Front, styles: Styles) -> Any:
-    """Curves over bytes, and rungs within budgets of time, side by side. Returns the drawing."""
+def _drawn_front(front: Front, styles: Styles) -> Drawing:
+    """Curves over bytes, and rungs within budgets of time, side by side."""
     drawing, panels = plots(11.5, 5.4, count=2)
     handles: dict[str, Any] = {}  # by line: its curve, for the legend
     for axes, plot in zip(panels, (front.by_size, front.by_time), strict=True):
@@ -69,14 +70,14 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
                 rows.append(row)
         if rows:
             with style():
-                drawing = _fronts(material, rows, Styles(run))
+                drawing = _drawn_choices(material, rows, Styles(run))
                 yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
 
 
-def _fronts(material: str, rows: Sequence[Timing], styles: Styles) -> Any:
+def _drawn_choices(material: str, rows: Sequence[Timing], styles: Styles) -> Drawing:
     """PSNR over time and over bytes, a mark a choice. White marks are of another execution or precision than usual.
 
-    `rows` are the choices on one material. Returns the drawing.
+    `rows` are the choices on one material.
     """
     groups = grouped(rows, lambda row: row["codec"] + _how(row))  # choices by the words of the legend
     height = max(5.0, 1.4 + 0.2 * len(groups))  # inches; the legend has a line for each group
@@ -91,11 +92,12 @@ def _fronts(material: str, rows: Sequence[Timing], styles: Styles) -> Any:
         handles += speed.plot([row["ns_per_sample"] for row in group], psnr, **look, markersize=6)
         if is_default:  # executions do not change bytes
             rate.plot([row["bytes"] for row in group], psnr, **look, markersize=6)
-    on_fronts = on_front(rows, "ns_per_sample"), on_front(rows, "bytes")
-    fastest = [(row["ns_per_sample"], row["psnr"]) for row in rows if row["job"] in on_fronts[0]]
-    smallest = [(row["bytes"], row["psnr"]) for row in rows if row["job"] in on_fronts[1]]
-    _front(speed, fastest, "ns a sample (less is better)", "")
-    _front(rate, smallest, "size of the file (less is better)", "B")
+    on_speed_front = on_front(rows, "ns_per_sample")
+    on_rate_front = on_front(rows, "bytes")
+    fastest = [(row["ns_per_sample"], row["psnr"]) for row in rows if row["job"] in on_speed_front]
+    smallest = [(row["bytes"], row["psnr"]) for row in rows if row["job"] in on_rate_front]
+    _draw_stair(speed, fastest, "ns a sample (less is better)", "")
+    _draw_stair(rate, smallest, "size of the file (less is better)", "B")
     speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
     speed.set_title(f"{material}: speed and accuracy", loc="left")
     rate.set_title("rate and accuracy; grey: no other is as good for less", loc="left")
@@ -108,7 +110,7 @@ def _how(row: Timing) -> str:
     return "" if is_plain(row) else f" [{variant_of(row)}]"
 
 
-def _front(axes: Any, best: Sequence[tuple[float, float | None]], label: str, unit: str) -> None:
+def _draw_stair(axes: Any, best: Sequence[tuple[float, float | None]], label: str, unit: str) -> None:
     """Draw a front, points of cost and PSNR, as a stair, and label the axis of its cost, whose unit is `unit` or "".
 
     A step stays level to the next point, because more cost buys nothing until there.
@@ -156,23 +158,10 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
         if ends:
             axes.hlines(y, *ends, color=of_codec["color"], linewidth=1)
         handles += axes.plot(x, y, **of_codec, linewidth=1)
-    low, high = axes.get_ylim()
     if is_of_fits:
-        for goal in GOALS_DB:
-            if low < goal < high:  # a goal elsewhere would stretch the axis
-                axes.axhline(goal, color="0.6", linewidth=0.8, zorder=0)
-    marks = plot["x"].get("ticks")
-    if marks:  # footprints, which double from one to the next
-        axes.set_xscale("log", base=2)
-        axes.set_xticks(marks, list(map(str, marks)))
-        axes.xaxis.set_minor_locator(NullLocator())
-    else:
-        axes.set_xscale("log")
-        log_ticks(axes.xaxis, "B" if plot["x"]["unit"] == "B" else "")
-    xlabel = plot["x"]["label"]
-    if not marks:  # without marks, x is a cost
-        xlabel += " (less is better)"
-    axes.set(xlabel=xlabel, ylabel=plot["y"]["label"].replace("pairs)", "pairs; higher is better)"))
+        _draw_goals(axes)
+    _set_x_axis(axes, plot["x"])
+    axes.set_ylabel(plot["y"]["label"].replace("pairs)", "pairs; higher is better)"))
     below_title = fill(plot["note"], _NOTE) if is_of_fits else material.split_in_words
     axes.set_title(f"{title}\n{below_title}".rstrip(), loc="left")
     absent = [codec.label for codec in material.codecs if codec.exact and codec.measured]
@@ -180,3 +169,24 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
         drawing.supxlabel("not drawn, because they have no error: " + ", ".join(absent), fontsize=8)
     legend(axes, handles, list(curves))
     return Figure(material.name, plot["kind"], title, png(drawing), drawing)
+
+
+def _draw_goals(axes: Any) -> None:
+    """Draw a grey line at each goal within the y axis: one elsewhere would stretch it."""
+    low, high = axes.get_ylim()
+    for goal in GOALS_DB:
+        if low < goal < high:
+            axes.axhline(goal, color="0.6", linewidth=0.8, zorder=0)
+
+
+def _set_x_axis(axes: Any, x: dict[str, Any]) -> None:
+    """Set scale, ticks and label of the x axis by that of a plot: footprints, which have `ticks`, or a cost."""
+    if "ticks" in x:  # footprints double from one to the next
+        axes.set_xscale("log", base=2)
+        axes.set_xticks(x["ticks"], list(map(str, x["ticks"])))
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.set_xlabel(x["label"])
+    else:
+        axes.set_xscale("log")
+        log_ticks(axes.xaxis, "B" if x["unit"] == "B" else "")
+        axes.set_xlabel(f"{x['label']} (less is better)")

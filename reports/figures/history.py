@@ -5,7 +5,7 @@ A *start* is one call of the command that measures, at one *revision* of the cod
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -38,27 +38,34 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
             starts[start.get("run", "")] = start  # a reference names no start, nor do its jobs
     styles = Styles(Run(Path(), jobs=Records(jobs)))  # which reads nothing of a folder
     for material, codecs in _materials(runs).items():
-        order = sorted(set().union(*codecs.values()))  # names of starts; each is named after its time
-        several_kinds = len({pairs for _, pairs in codecs}) > 1  # of pairs; only then the legend names them
         with style():
-            title = f"{material}: from revision to revision"
-            drawing = new(8.2, 7.5)
-            panels = drawing.subplots(3, 1, sharex=True)
-            for axes, (name, quantity) in zip(panels, _QUANTITIES.items(), strict=True):
-                handles = _lines(axes, quantity, codecs, order, styles)
-                axes.set_ylabel(name, fontsize=8)
-                # The first panel, of PSNR, has the title and the legend of all; bytes and times have logarithmic axes.
-                if axes.get_subplotspec().is_first_row():
-                    axes.set_title(title, loc="left")
-                    names = []
-                    for label, pairs in codecs:
-                        names.append(f"{label}, {pairs} pairs" if several_kinds and pairs else label)
-                    legend(axes, handles, names)
-                else:
-                    axes.set_yscale("log")
-                    log_ticks(axes.yaxis, "B" if name.startswith("bytes") else "")
-            panels[-1].set_xticks(range(len(order)), _ticks(order, starts), rotation=30, ha="right")
-            yield Figure(material, "history", title, png(drawing), drawing)
+            yield _figure(material, codecs, starts, styles)
+
+
+def _figure(material: str, codecs: Codecs, starts: Mapping[str, RunStart], styles: Styles) -> Figure:
+    """The figure of one material: a panel for each of `_QUANTITIES`, one below the other. `starts` are by name."""
+    order = sorted(set().union(*codecs.values()))  # names of starts; each is named after its time
+    title = f"{material}: from revision to revision"
+    drawing = new(8.2, 7.5)
+    panels = drawing.subplots(3, 1, sharex=True)
+    for axes, (name, quantity) in zip(panels, _QUANTITIES.items(), strict=True):
+        handles = _lines(axes, quantity, codecs, order, styles)
+        axes.set_ylabel(name, fontsize=8)
+        # The first panel, of PSNR, has the title and the legend of all; bytes and times have logarithmic axes.
+        if axes.get_subplotspec().is_first_row():
+            axes.set_title(title, loc="left")
+            legend(axes, handles, _names(codecs))
+        else:
+            axes.set_yscale("log")
+            log_ticks(axes.yaxis, "B" if name.startswith("bytes") else "")
+    panels[-1].set_xticks(range(len(order)), _ticks(order, starts), rotation=30, ha="right")
+    return Figure(material, "history", title, png(drawing), drawing)
+
+
+def _names(codecs: Codecs) -> list[str]:
+    """The words of the legend: labels, with the kind of held-out pairs where codecs differ in it."""
+    kinds_differ = len({pairs for _, pairs in codecs}) > 1
+    return [f"{label}, {pairs} pairs" if kinds_differ and pairs else label for label, pairs in codecs]
 
 
 def _lines(
@@ -104,7 +111,7 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
     return by_material
 
 
-def _ticks(order: Sequence[str], starts: dict[str, RunStart]) -> list[str]:
+def _ticks(order: Sequence[str], starts: Mapping[str, RunStart]) -> list[str]:
     """The words on an axis for starts of these names: the revision, or the day where it is not known. Equal words are
     followed by the time of the start."""
     names = []

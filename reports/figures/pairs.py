@@ -44,9 +44,10 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
 
     `name` is that of the material, `pairs` are indices of pairs of the BTF; without any, those of the contact sheet are
     shown. Without an inset, the square of a quarter of the shorter side is magnified in which the FLIP of all codecs
-    together is largest, in each slice another.
-    Codecs whose stored slices are of other pairs than the first codec's are named below.
-    `InputError` if the material or a pair has no stored slices; it lists the pairs that have some.
+    together is largest, in each slice another. Codecs whose stored slices are of other pairs than the first codec's are
+    named below.
+
+    `InputError` if the material or a pair has no stored slices; of a pair it lists those that have some.
     """
     by_name = {material.name: material for material in materials(run)}
     material = by_name.get(name)
@@ -57,7 +58,8 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
             if arrays_of_row.keys() >= {"truth", "decoded", "pairs", "wo_deg", "wi_deg"}:
                 rows.append((row, arrays_of_row))
     if material is None or not rows:
-        raise InputError(f"figure pairs: no slices of {name} are stored in {run.folder}")
+        remedy = "published records have numbers alone, so give the folder of a run"
+        raise InputError(f"figure pairs: no slices of {name} are stored in {run.folder}: {remedy}")
     rows, others = of_same_pairs(rows)
     left_out = [row.label for row in others]
     places = _places(rows[0][1], pairs)
@@ -89,18 +91,16 @@ def _drawn(
     """The sheet: a line of pictures for each place in the stored arrays, above FLIP maps if all codecs have them.
 
     `rows` are the codecs with their arrays, a column each after that of the truth; a line at the bottom names those
-    `left_out`, if any. With `inset` None it is found anew
-    for each place. `InputError` if the inset does not lie within the picture.
+    `left_out`, if any. Without an inset one is found for each place. `InputError` if the inset does not lie within the
+    picture.
     """
     _, first = rows[0]
-    truth = first["truth"]
-    height, width = truth.shape[1:3]
+    height, width = first["truth"].shape[1:3]
     factor = max(1, math.ceil(CELL / max(height, width)))
     cell_height = height * factor
     cell_width = width * factor
-    with_flip = all("flip" in stored for _, stored in rows)
     block = LINE + cell_height + GAP  # the height of all that is shown of one pair
-    if with_flip:
+    if _all_have_flip(rows):
         block += GAP // 2 + cell_height
     columns = 1 + len(rows)
     bottom = LINE if left_out else 0
@@ -111,27 +111,42 @@ def _drawn(
     for column, label in enumerate(["truth", *(row.label for row, _ in rows)]):
         middle = column * (cell_width + GAP) + cell_width / 2
         sheet.text(middle, TOP / 2, short(label, cell_width // LETTER), ha="center", fontsize=10)
-    # A block for each pair: a line of text, its pictures, and their FLIP maps.
     for number, place in enumerate(places):
-        top = TOP + number * block
-        wo, wi = first["wo_deg"][place], first["wi_deg"][place]
-        sheet.text(0, top + LINE / 2, f"view θ {wo[0]:.0f}°, φ {wo[1]:.0f}°; light θ {wi[0]:.0f}°, φ {wi[1]:.0f}°")
         zoomed = inset or _worst(rows, place, (height, width))
         _check(zoomed, (height, width))
-        pictures = [truth[place], *(stored["decoded"][place] for _, stored in rows)]
-        for column, picture in enumerate(pictures):
-            left = column * (cell_width + GAP)
-            sheet.picture(left, top + LINE, _with_inset(picture, zoomed, factor))
-            if column:  # the first column is the truth
-                row, stored = rows[column - 1]
-                text = _decibels(run, row, int(stored["pairs"][place]))
-                sheet.text(left + cell_width, top + LINE / 2, text, ha="right")
-                if with_flip:
-                    below = top + LINE + cell_height + GAP // 2
-                    sheet.picture(left, below, enlarged(stored["flip"][place], factor))
-        if with_flip and number == 0:  # below the first truth, which has no FLIP map
-            flip_scale(sheet, left=0, middle=top + LINE + cell_height + cell_height // 2, width=cell_width)
+        _draw_pair(sheet, run, rows, place, TOP + number * block, zoomed, factor)
+        if number == 0 and _all_have_flip(rows):  # below the first truth, which has no FLIP map
+            flip_scale(sheet, left=0, middle=TOP + LINE + cell_height + cell_height // 2, width=cell_width)
     return sheet
+
+
+def _draw_pair(
+    sheet: Sheet, run: Run, rows: list[tuple[Row, Arrays]], place: int, top: int, inset: Inset, factor: int
+) -> None:
+    """Draw all that is shown of one pair, from `top` in pixels down: a line of text, its pictures, their FLIP maps.
+
+    `place` is that of the slice in the stored arrays of `rows`. A texel is `factor` pixels a side.
+    """
+    _, first = rows[0]
+    wo, wi = first["wo_deg"][place], first["wi_deg"][place]
+    sheet.text(0, top + LINE / 2, f"view θ {wo[0]:.0f}°, φ {wo[1]:.0f}°; light θ {wi[0]:.0f}°, φ {wi[1]:.0f}°")
+    truth = first["truth"][place]
+    sheet.picture(0, top + LINE, _with_inset(truth, inset, factor))
+    cell_height = truth.shape[0] * factor
+    cell_width = truth.shape[1] * factor
+    for column, (row, stored) in enumerate(rows, 1):  # after that of the truth
+        left = column * (cell_width + GAP)
+        sheet.picture(left, top + LINE, _with_inset(stored["decoded"][place], inset, factor))
+        decibels = _decibels(run, row, int(stored["pairs"][place]))
+        sheet.text(left + cell_width, top + LINE / 2, decibels, ha="right")
+        if _all_have_flip(rows):
+            below = top + LINE + cell_height + GAP // 2
+            sheet.picture(left, below, enlarged(stored["flip"][place], factor))
+
+
+def _all_have_flip(rows: list[tuple[Row, Arrays]]) -> bool:
+    """Whether each codec has stored FLIP maps; without one of them none is shown."""
+    return all("flip" in stored for _, stored in rows)
 
 
 def _worst(rows: list[tuple[Row, Arrays]], place: int, size: tuple[int, int]) -> Inset:

@@ -19,7 +19,7 @@ from bench.conformance.check import tiny_btf
 from bench.program.recording import program_of
 from bench.records import append, load_run
 from reports.board import Codec, Publication, write_site
-from reports.board.sources import page_name
+from reports.board.sources import page_name, with_files
 from reports.figures.contact import strip
 from reports.rungs import BYTES, Budget
 
@@ -220,6 +220,12 @@ def test_a_run_at_hand_says_nothing_of_this_machine(made, tmp_path):
     assert "data:image" in told
     for secret in ("my-host", str(tmp_path), f"{Path.home()}/secret"):
         assert secret not in told, secret
+
+
+def test_two_sources_never_share_a_name(made):
+    run = load_run(made.job().folder)
+    claimed = [Publication(name, run, claimed=True) for name in ("a", "a", "a (2)", "a")]
+    assert [source.name for source in with_files(claimed, [])] == ["a", "a (2)", "a (2) (2)", "a (3)"]
 
 
 def test_two_names_never_share_a_page():

@@ -50,9 +50,12 @@ def test_a_note_on_a_column_that_is_not_chosen_is_left_out(folder):
     assert "“train”" not in alone
 
 
-def test_a_codec_or_column_that_is_not_there_is_an_error_that_says_which_are(folder, capsys):
+def test_a_codec_or_column_that_is_not_there_is_an_error_that_says_which_are(folder, run_maker, capsys):
     with pytest.raises(InputError, match=r"--codec pcb: .*'pca'"):
         table_text(folder, choice=Choice(["pcb"]))
+    made = run_maker(folder).job("vq", material="wool")
+    with pytest.raises(InputError, match=r"--codec pca: .* not .* on the chosen materials: choose"):
+        table_text(made.folder, choice=Choice(["pca"], materials=["wool"]))
     with pytest.raises(InputError, match=r"--column LPIPS: .*SSIM ↑"):
         table_text(folder, kind="main", choice=Choice(columns=["LPIPS"]))
     assert cli.main(["table", str(folder), "--name", "pca"]) == 2

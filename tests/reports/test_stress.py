@@ -67,3 +67,9 @@ def test_a_run_without_records_shows_those_beside_it_of_its_codecs_and_versions(
     (table,) = stress_tables(load_run(made.folder))
     assert table.rows == [["data:", ""], ["zero", "pass"], ["constant", "FAIL 3.2%"]]
     assert "1 pass, 1 fail, 0 " in summary(load_run(made.folder))
+
+
+def test_the_reasons_have_letters_however_many_there_are():
+    (table,) = tables([record("pca", f"extreme {i}", "n/a", detail=f"reason {i}", order=i) for i in range(28)])
+    assert [row[1] for row in table.rows[-3:]] == ["n/a z", "n/a aa", "n/a bb"]
+    assert table.notes[-1] == "bb: reason 27"

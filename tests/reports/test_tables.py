@@ -209,6 +209,7 @@ def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
 def test_the_note_on_a_marched_height_says_of_what_a_file_stores_none(made):
     for label, latents in (("relief", 14), ("relief latents=13", 13)):  # the made record has 14 channels
         made.job(label, settings={"relief": True, "latents": latents}).timing(label)
+    made.job("mine", settings={"relief": True}).timing("mine")  # a setting of that name of another codec
     (table,) = tables(made, "main")
     notes = dict(note.split(": ", 1) for note in table.notes if note.startswith("relief"))
     assert "stores no height" in notes["relief"]

@@ -117,6 +117,15 @@ def test_neither_odd_labels_nor_exact_codecs_stop_a_figure_and_what_is_gone_cost
     list(draw(run_of(made)))
 
 
+def test_the_scale_of_polar_maps_begins_at_zero_even_without_any_error(made):
+    made.job()
+    (stored,) = made.folder.glob("angular*")
+    stored.write_text(stored.read_text(encoding="utf-8").replace("0.25", "0.0"), encoding="utf-8")
+    (figure,) = figures.ALL["polar"](run_of(made))
+    (scale,) = figure.drawing.drawing.axes
+    assert scale.get_ylim() == (0, 1)
+
+
 @pytest.mark.parametrize("draw", OF_ANY_RUN)
 def test_what_is_not_comparable_is_not_drawn(made, draw):
     made.job("vq", run="0", exposure=3.0).job("pca").job("neumip").timing("pca").trade("pca")
