@@ -87,7 +87,7 @@ def summary_table(
         columns += differences.columns
         rows = [row | values for row, values in zip(rows, differences.rows, strict=True)]
         notes_on_differences = differences.notes
-    notes = [*_notes_on_codecs(measured), *notes_on_differences, *_notes_on_the_rest(run, materials, measured)]
+    notes = _notes(run, materials, measured, notes_on_differences)
     materials_in_words = ", ".join(material.name for material in measured)
     title = f"Summary over {len(measured)} material{'s' if len(measured) > 1 else ''}: {materials_in_words}"
     return written("summary", title, pd.DataFrame(rows, dtype=object), columns, notes)
@@ -107,21 +107,17 @@ def _row(standing: Standing, on_each: Sequence[Mapping[str, Any]], measures: Seq
     }
 
 
-def _notes_on_codecs(measured: Sequence[MaterialRows]) -> list[str]:
-    """Notes on what the rows are means of, and on materials and codecs that are special."""
-    return [
-        "Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR.",
-        *dark_notes(measured),
-        *recipe_notes(measured),
-        *scene_notes(measured),
-        *lacking_notes(measured),
-    ]
-
-
-def _notes_on_the_rest(run: Run, materials: Sequence[MaterialRows], measured: Sequence[MaterialRows]) -> list[str]:
-    """Notes on times, which only a time that may be compared needs, and on what is left out or missing."""
+def _notes(
+    run: Run, materials: Sequence[MaterialRows], measured: Sequence[MaterialRows], on_differences: Sequence[Note]
+) -> list[str]:
+    """The notes: on what the rows are means of, on special materials and codecs, on times, and on what is left out."""
+    notes: list[str] = ["Means over seeds, then over materials. Rows are sorted by mean rank, then by PSNR."]
+    for of_codecs in (dark_notes, recipe_notes, scene_notes, lacking_notes):
+        notes += of_codecs(measured)
+    notes += on_differences
+    # Only a time that may be compared needs notes on times.
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
-    notes: list[str] = [about_times(text) for text in (*one_texel_notes(timed), *height_notes(measured))]
+    notes += [about_times(text) for text in (*one_texel_notes(timed), *height_notes(measured))]
     notes += left_out_notes(run, materials)
     missing = missing_note(run)
     if missing:

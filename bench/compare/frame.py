@@ -172,9 +172,10 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
     reasons = _reasons(run)
     versions = stale(run.jobs)
     comparable = [job for job in run.jobs if job["job"] not in reasons]
+    fused = fused_times(run)
     if on_gpu is None:
         on_gpu = gpu_times(run)
-    times = _times_of(run, comparable, on_gpu)
+    times = _times_of(run, comparable, fused, on_gpu)
     for job in run.jobs:
         name = job["job"]
         fit = job.get("fit_key", FitKey())
@@ -212,8 +213,12 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
         yield {**own, **flattened(job, run.timing(job)), **own} if records else own
 
 
-def _times_of(run: Run, jobs: Sequence[Job], on_gpu: Mapping[str, Timing]) -> dict[str, dict[str, float]]:
-    """The times of a query by kind and name of job, × floor: medians; `on_gpu` is as in `values_of`.
+def _times_of(
+    run: Run, jobs: Sequence[Job], fused: Mapping[str, Timing], on_gpu: Mapping[str, Timing]
+) -> dict[str, dict[str, float]]:
+    """The times of a query by kind and name of job, × floor: medians.
+
+    `fused` has the timings of fused decoders, by name of job; `on_gpu` is as in `values_of`.
 
     Where settings were timed apart from surfaces, on one machine, no other eager times count.
     """
@@ -235,7 +240,7 @@ def _times_of(run: Run, jobs: Sequence[Job], on_gpu: Mapping[str, Timing]) -> di
     of_jobs = {timing["job"]: timing for timing in run.timings}
     return {
         EAGER: medians(of_settings) or medians(of_jobs),
-        FUSED: medians(fused_times(run)),
+        FUSED: medians(fused),
         GPU: medians(of_settings_on_gpu),
     }
 

@@ -105,14 +105,13 @@ def against_jobs(run: Run, first: str, *jobs: str) -> Against:
             cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), slices_of)
         except InputError:  # slices of one codec that cannot be read must not cost the table of all others
             continue
-        over_all = interval(cells)
-        if over_all is None:  # they have no slices to compare
-            continue
-        differences.over[label] = over_all
+        places = [(differences.over, cells)]
         for material, cells_of_material in grouped(cells, lambda cell: cell.material).items():
-            on_material = interval(cells_of_material)
-            if on_material is not None:
-                differences.on.setdefault(material, {})[label] = on_material
+            places.append((differences.on.setdefault(material, {}), cells_of_material))
+        for difference_by_label, some_cells in places:
+            found = interval(some_cells)
+            if found is not None:  # None: they have no slices to compare
+                difference_by_label[label] = found
     return replace(differences, over=told_apart(differences.over))
 
 
