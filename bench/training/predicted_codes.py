@@ -1,7 +1,8 @@
 """Codes as bytes by a model of each: see `code_model`, which also says what codes, channels and terms are.
 
-Interleaved range coders (rANS: Duda 2013; Giesen 2014, "Interleaved entropy coders") take a step's symbols in turn. One
-that ends otherwise than it began read others. Only the encoder chooses a model, so the floats of that decide nothing.
+Interleaved range coders (rANS: Duda 2013; Giesen 2014, "Interleaved entropy coders") take a step's symbols in turn. A
+decoder ends in the state in which its encoder began, or it has read other symbols than were stored. Only the encoder
+chooses a model, and the file holds it, so its floats may be rounded otherwise on another machine.
 """
 
 import math

@@ -21,7 +21,7 @@ WeightPrecision = Literal["float32", "half", "int8"]
 
 BEARABLE = 0.03  # share of the fit's squared error that the rounding of all weights may add
 MIDDLE = 2 ** (MOST_BITS - 1)  # the code of a weight of 0
-PROBED = 8  # so many times the least step is rounded to see what a step adds
+PROBED = 8  # a matrix is rounded in steps this many times its least one, to see what error a step adds
 MOST = MIDDLE - 1  # the most steps of a weight
 STEPS = "stored_steps"  # the buffer of a network with the step of each of its matrices; 0: not chosen
 

@@ -31,9 +31,9 @@ PACKED, PLAIN, IN_CONTEXT, PREDICTED = range(4)  # the ways; LZMA's context are 
 def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
     """Codes (…, C), those of each channel below 2^bits, as bytes (n,), uint8, without loss.
 
-    They are the way, the bits of each channel, and the codes of those with bits, stored in this way. Without the
-    `sizes` (H, W) of the pictures that codes (N, C) are of, no neighbours predict them. With channels of no bits,
-    `expand` opens `MOST_CODES` in all.
+    They are the way, the bits of each channel, and the codes of those with bits, stored in this way. `sizes` (H, W) are
+    those of the pictures whose texels codes (N, C) are; without them no neighbours predict such codes. If a channel has
+    no bits, `expand` refuses more than `MOST_CODES` codes in all.
     """
     stored = [channel for channel, count in enumerate(bits) if count]  # the channels of one bit or more
     if stored:
