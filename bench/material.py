@@ -222,7 +222,7 @@ class Material:
 
 
 class Wrapped(Material):
-    """Wraps a material, and computes its `evaluate` in another way or elsewhere."""
+    """Wraps a material, and computes its `evaluate` in another way or elsewhere; `to` does not move the inner one."""
 
     def __init__(self, inner: Material):
         """Take size, cost, lowest light, device, type and chunk from the inner material."""
