@@ -151,7 +151,7 @@ class Material:
     def query(self, uv: Any, wo: Any, wi: Any, footprint: Any = None) -> Tensor | np.ndarray:
         """RGB (n, 3) float32, ≥ 0, of n queries: uv (n, 2), wo and wi (n, 3), footprint (n,) or one number.
 
-        Queries are tensors or NumPy arrays; the result is of that kind. A direction at or below the horizon gives 0.
+        Queries are tensors or NumPy arrays; the result is of uv's kind. A direction at or below the horizon gives 0.
         Directions must be of unit length within 1e-3 and every number finite; otherwise an `InputError` names the first
         bad row. Memory beyond inputs and outputs is bounded.
         """
@@ -160,10 +160,10 @@ class Material:
             tensors = map(_tensor, (uv, wo, wi, footprint))
             return self.query(*tensors).cpu().numpy()
         keep_buffers()
+        wo = _tensor(wo).to(uv.device)
+        wi = _tensor(wi).to(uv.device)
         footprint = torch.as_tensor(footprint, device=uv.device)
         _check_shapes(uv, wo, wi, footprint)
-        wo = wo.to(uv.device)
-        wi = wi.to(uv.device)
         footprint = footprint.expand(len(uv))
         out = torch.empty(len(uv), 3, device=uv.device)
         for start in range(0, len(uv), self.chunk):
@@ -222,7 +222,7 @@ class Material:
 
 
 class Wrapped(Material):
-    """Wraps a material, and computes its `evaluate` in another way or elsewhere."""
+    """Wraps a material, and computes its `evaluate` in another way or elsewhere; `to` does not move the inner one."""
 
     def __init__(self, inner: Material):
         """Take size, cost, lowest light, device, type and chunk from the inner material."""
@@ -304,7 +304,7 @@ def keep_buffers() -> None:
 def _tensor(values: ArrayLike | Tensor) -> Tensor:
     """Convert to a tensor, which may share memory; whole numbers become floats."""
     if isinstance(values, Tensor):
-        return values
+        return values if values.is_floating_point() else values.float()
     try:
         array = np.asarray(values)
         array = array if np.issubdtype(array.dtype, np.floating) else array.astype(np.float32)

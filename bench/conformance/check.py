@@ -161,11 +161,13 @@ def _folder_in_words() -> str:
 
 
 def _require_same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:
-    """Raise `CheckError` unless two answers, of equal shape, differ at most by `tolerance` times the larger of 1 and
-    the largest of `theirs`."""
-    worst = (ours - theirs).abs().max().item() if len(ours) else 0.0  # an empty tensor has no maximum
+    """Raise `CheckError` unless two answers have the same shape, and differ at most by `tolerance` times the larger of
+    1 and the largest of `theirs`."""
+    if ours.shape != theirs.shape:
+        raise CheckError(f"{what}: answers have the shape {tuple(ours.shape)}, not {tuple(theirs.shape)}")
+    worst = (ours - theirs).abs().max().item()
     allowed = tolerance * max(1.0, theirs.abs().max().item())
-    if ours.shape != theirs.shape or not worst <= allowed:  # NaN is no agreement
+    if not worst <= allowed:  # NaN is no agreement
         raise CheckError(f"{what}: answers differ by {worst:.3g}, allowed {allowed:.3g}", f"{worst:.2g}")
 
 

@@ -24,7 +24,7 @@ from torch import Tensor
 from torch.utils import _pytree as tree
 
 NAME = "gpu"
-DIFFERENT = "expected all tensors"  # begins what PyTorch and this module say of tensors on two devices, in some case
+DIFFERENT = "expected all tensors"  # begins, in lower case, what PyTorch and this module say of tensors on two devices
 
 # Where CUDA takes tensors of the CPU: indices, and numbers (0-dim) in `pointwise` operations and in these.
 _INDEXING = {"aten::index", "aten::index_put", "aten::index_put_", "aten::_index_put_impl_"}

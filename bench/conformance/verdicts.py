@@ -68,7 +68,7 @@ def planned() -> int:
 
 def codec_to_check(name: str, settings: dict[str, Any]) -> Codec:
     """The codec of that name for the check: with these settings, and otherwise with short fits."""
-    kind = type(make_codec(name, settings))  # a codec that cannot be made is one line
+    kind = type(make_codec(name, settings))  # `InputError` in words if it cannot be made
     return kind(**short(kind) | settings)
 
 

@@ -20,7 +20,10 @@ def is_gpu(device: "torch.device | str") -> bool:
 
 
 def present(device: "torch.device | str") -> bool:
-    """Whether PyTorch finds this device here; without a number, such as `cuda`, one of its kind."""
+    """Whether PyTorch finds this device here; without a number, such as `cuda`, one of its kind.
+
+    `RuntimeError` for a kind of device that this PyTorch was not built for.
+    """
     import torch
 
     if not is_gpu(device):
@@ -37,7 +40,7 @@ def records_graphs(device: "torch.device") -> bool:
 
 
 def watts(device: "torch.device", call: Callable[[], Any]) -> float | None:
-    """The power that a GPU draws while it repeats a call, as its driver tells it; None where it tells none."""
+    """The power, in W, that a GPU draws while it repeats a call, as its driver tells it; None where it tells none."""
     import torch
 
     module = torch.get_device_module(device)

@@ -29,19 +29,22 @@ MOST_TERMS = 15  # of a prediction
 MOST_BACK = (255 - len(OWN)) // len(AROUND)  # channels that a term can reach back, because its number is a byte
 ONE = 64  # the fixed point of weights, predictions and activity
 SHAPES = (2, 4, 8, 64)  # degrees of freedom; all even, so that the distribution has a closed form
-FINE, REACH = 1024, 1 << 14  # entries of its table for a scale, and to each side
+FINE, REACH = 1024, 1 << 14  # entries of the distribution's table for a scale, and to each side
 TOTAL = 1 << 16  # of the frequencies of a symbol, and the least state of a coder
 USUAL = 51  # activity where none is known: 0.8 scales, a normal density's mean absolute error
-MOST_GUESS = 1 << 15
-FEW_STEPS = 1 << 10  # some tenths of a second
-LEAST_CODES = 64  # of each further step, or its time is NumPy's, not theirs
+MOST_GUESS = 1 << 15  # of a prediction times `ONE`, either sign: twice the largest value
+FEW_STEPS = 1 << 10  # that any texture may take: some tenths of a second
+LEAST_CODES = 64  # for each further step: with fewer, most of its time is NumPy's overhead
 HEAD = 5  # bytes of a channel's parameters before its terms
 UNREADABLE = "a texture of this file does not say how its codes are predicted: encode it again"
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """Pictures one below the other, beside if that takes fewer steps, framed: 2 above, 1 below, 2 left, 1 right."""
+    """Pictures one below the other, each transposed if all are tall (`is_tall`), which takes fewer steps.
+
+    Around them is a frame: 2 above, 1 below, 2 on the left, 1 on the right.
+    """
 
     stride: int
     plane: int  # numbers of a channel, frame included
@@ -59,7 +62,7 @@ class Canvas:
         rows, columns, shadows = [], [], []
         for height, width in sizes:
             y, x = np.divmod(np.arange(height * width), width)
-            if tall:  # turned: rows become columns
+            if tall:  # transposed: rows become columns
                 x, y, height, width = y, x, width, height
             shadow = np.zeros_like(x)
             # On the left the place is a row further down: there a row repeats the first texel of the row above it,
@@ -130,7 +133,7 @@ def is_tall(sizes: Sequence[Size]) -> bool:
 
 
 def _placed(sizes: Sequence[Size]) -> Sequence[Size]:
-    """The sizes of pictures as they lie on a canvas: turned, if they are tall."""
+    """The sizes of pictures as they lie on a canvas: transposed, if they are tall."""
     if is_tall(sizes):
         return [(width, height) for height, width in sizes]
     return sizes

@@ -45,11 +45,10 @@ SHOW_SECONDS = 1.0  # between two moves of the progress bar
 SAVE_SECONDS = 5.0  # least seconds between two states on disk; a killed fit loses these, and up to KEEP_EVERY steps
 RESCUES = 3
 START_STEPS = 250  # of each of two starts, of which the better goes on; at most a quarter of the fit's
-OTHER_SEED = 0x57A7  # what the seed of the second is combined with
+OTHER_SEED = 0x57A7  # the seed of the second is that of the fit, XOR this
 ROUNDED_FROM = 0.5  # share of the steps after which textures are rounded as in the file
 ROUNDING_SAMPLES = 4_096  # samples that measure the error of rounding a channel
-# What a fit pays for bytes: a texture of 1 % more bits may cost as much as so many % of the loss.
-RATE = 0.2
+RATE = 0.2  # the price of bytes: 1 % more bits of all textures counts as this many % more loss
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
 # A curve of at least so many points that gains less than `STILL` dB from its first one, and is below `GOOD` dB, is of a
 # fit on a plateau.
@@ -115,7 +114,7 @@ class Objective(nn.Module):
         return networks if networks and self.settings.weights == "int8" else []
 
     def phase(self, progress: float) -> Hashable | None:
-        """What steps share that are one program on the device, whatever their random numbers; None: not known.
+        """A key of the steps that are one program on the device, whatever their random numbers; None: not known.
 
         A GPU replays the steps of a phase as a graph (`bench.training.replay`): of `progress`, and of what the host
         keeps, they may depend on nothing else.
@@ -125,7 +124,7 @@ class Objective(nn.Module):
     def prepare(self, fit: Fit, progress: float) -> None:
         """What the host does before a step, which no graph can do: from half of the fit on, choose how to round.
 
-        What steps read may change in its memory here, but it must stay there.
+        Tensors that steps read may change here, but only in place: a graph reads them where they were.
         """
         if progress >= ROUNDED_FROM:
             self.choose_rounding(fit, progress)
@@ -168,7 +167,7 @@ class Objective(nn.Module):
         return []
 
     def restored(self) -> None:
-        """Read again what steps keep on the host, once the tensors came from a state."""
+        """Set anew what the host keeps beside the tensors, after these were restored from a state."""
         for module in self.modules():
             if isinstance(module, Rounding):
                 module.chosen = bool(module.bits.any())
@@ -233,14 +232,16 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
 def better_start(make: Callable[[Fit], Objective], fit: Fit, steps: int) -> Fit:
     """The fit with its own seed or another one, whichever gives the better objective after a few of its steps.
 
-    It is for codecs whose offset finds depths that are periods of the surface apart, and then stays there. `make` gives
-    the objective of a fit.
+    It is for codecs with an offset, which may find depths that are a period of the surface off, and then stays there.
+    `make` gives the objective of a fit.
     """
     found = []
     for seed in (fit.seed, fit.seed ^ OTHER_SEED):
         start = replace(fit, seed=seed)
         loop = _Loop(make(start).to(fit.device), replace(start, checkpoint=None, history=[]), steps)
         loop.advance(max(1, min(START_STEPS, steps // 4)))
+        if loop.step and not loop.curve:  # the first point of a long fit's curve comes later
+            loop.add_point()
         found.append((loop.curve[-1][2] if loop.curve else -math.inf, start))  # without a point it diverged
     return max(found, key=lambda each: each[0])[1]
 
@@ -398,17 +399,21 @@ class _Loop:
         self.halvings = halvings
         log.warning("the fit diverged near step %d: back to step %d with half the learning rate", failed, self.step)
 
-    @torch.no_grad()
     def _measured(self) -> bool:
-        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end.
-
-        False if it diverged: dead rectifiers or arbitrary sine outputs can do so while every number is finite.
-        """
+        """Add a point to the curve, at about `POINTS` steps of the fit and at its end. False if the fit diverged."""
         last = 0  # step of the last point
         if self.curve:
             last, _, _ = self.curve[-1]
         if self.step < self.steps and self.step - last < self.steps / POINTS:
             return True
+        return self.add_point()
+
+    @torch.no_grad()
+    def add_point(self) -> bool:
+        """Add the PSNR at this step to the curve.
+
+        False if the fit diverged: dead rectifiers or arbitrary sine outputs can do so while every number is finite.
+        """
         progress = self.step / self.steps
         with self.objective.as_stored(progress):
             level = self.objective.predict(self.probe, progress)

@@ -52,7 +52,8 @@ class GriddedNetwork(nn.Module):
         """The latents (n, D) of all grids (h, w, C) at uv (n, 2), where the offset moves it for views wo (n, 3)."""
         if self.offset is not None:
             uv = self.offset.moved(uv, sample_texture(grids["offset"], uv), wo)
-        return torch.cat([sample_texture(grids[name], uv) for name in FACTORS if name in grids and name != "offset"], 1)
+        names = [name for name in FACTORS if name in grids and name != "offset"]
+        return torch.cat([sample_texture(grids[name], uv) for name in names], 1)
 
     def fetch_batch(self, grids: dict[str, Tensor], samples: Samples, batch: Batch) -> Tensor:
         """The latents (n, D) of all grids (h, w, C) for a batch."""

@@ -32,7 +32,7 @@ def direction_inputs(wo: Tensor, wi: Tensor, kind: Directions) -> tuple[Tensor, 
 class Frames(nn.Linear):
     """`count` frames from latents (n, latents): 6 · count outputs, a normal and a tangent of each frame.
 
-    The frames start near the surface's own axes: these are the first bias or, without a `bias`, are added to outputs.
+    The frames start near the surface's own axes: the bias starts as these, or without a `bias` the outputs add them.
     """
 
     def __init__(self, latents: int, count: int, generator: torch.Generator | None = None, bias: bool = True):

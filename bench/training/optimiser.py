@@ -19,8 +19,8 @@ ParameterGroup = dict[str, Any]  # of an optimiser of PyTorch: `params`, `lr` an
 
 Optimiser = Literal["muon", "adam"]
 
-QUINTIC = (3.4445, -4.7750, 2.0315)  # coefficients of the published iteration, and how often it is applied
-ITERATIONS = 5
+QUINTIC = (3.4445, -4.7750, 2.0315)  # coefficients of the published iteration
+ITERATIONS = 5  # how often it is applied
 MOMENTUM = 0.95
 WARMUP = 100  # steps, or a tenth of a short fit
 TINY = 1e-7  # a matrix of zeros is divided by it instead of by its norm

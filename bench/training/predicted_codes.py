@@ -1,7 +1,8 @@
 """Codes as bytes by a model of each: see `code_model`, which also says what codes, channels and terms are.
 
-Interleaved range coders (rANS: Duda 2013; Giesen 2014, "Interleaved entropy coders") take a step's symbols in turn. One
-that ends otherwise than it began read others. Only the encoder chooses a model, so the floats of that decide nothing.
+Interleaved range coders (rANS: Duda 2013; Giesen 2014, "Interleaved entropy coders") take a step's symbols in turn. A
+decoder ends in the state in which its encoder began, or it has read other symbols than were stored. Only the encoder
+chooses a model, and the file holds it, so its floats may be rounded otherwise on another machine.
 """
 
 import math
@@ -27,8 +28,8 @@ from bench.training.code_model import (
 )
 
 Codes = NDArray[np.uint8]
+Ranges = list[tuple[NDArray[np.int32], NDArray[np.int32]]]  # of symbols (n,): frequencies below each, and its own
 Step = Callable[[Ints, Ints, Curve], Ints]  # the codes (n,) of texels and channels with some distributions
-Floats = NDArray[np.float64]
 
 FITTED = 1 << 13  # texels of a larger texture that choose
 TRIED_BACK = 16  # channels before a channel, whose codes are tried as its terms; a file could have `MOST_BACK`
@@ -42,7 +43,7 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
     (C,). They are the model, the last states of the coders, and the words that the coders handed on."""
     canvas = Canvas.of(sizes)
     model = fitted(codes, bits, canvas)
-    taken = list[tuple[NDArray[np.int32], NDArray[np.int32]]]()
+    taken: Ranges = []
 
     def note_ranges(texel: Ints, channel: Ints, curve: Curve) -> Ints:
         """The codes of a step, which are known; `taken` notes the range of frequencies of each for the coders."""
@@ -53,11 +54,18 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
         return code
 
     _walk(model, canvas, note_ranges)
-    state = np.full(_lanes(codes.size), TOTAL)
+    state, words = _coded(taken, _lanes(codes.size))
+    return model.to_bytes() + state.astype("<u4").tobytes() + words.astype("<u2").tobytes()
+
+
+def _coded(taken: Ranges, lanes: int) -> tuple[Ints, Ints]:
+    """The last states (lanes,) of so many coders that took the symbols of all steps, and the words that they handed on,
+    in the order in which the decoder needs them."""
+    state = np.full(lanes, TOTAL)
     words: list[Ints] = []
-    rounds = []
+    rounds: Ranges = []
     for below, share in taken:
-        for part in _rounds(len(below), len(state)):
+        for part in _rounds(len(below), lanes):
             rounds.append((below[part], share[part]))
     # The last symbol first, because a state gives back first what it took last. A state takes a symbol by growing by
     # 2^16 / share, and its low 16 bits then lie in the symbol's range of frequencies, which tells the decoder.
@@ -69,8 +77,7 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
         used = np.where(full, used >> 16, used)
         state[: len(below)] = (used // share << 16) + used % share + below
     # The decoder takes symbols in the opposite order, and so needs the last words first.
-    tail = np.concatenate(words[::-1]).astype("<u2").tobytes()
-    return model.to_bytes() + state.astype("<u4").tobytes() + tail
+    return state, np.concatenate(words[::-1])
 
 
 def decode(data: bytes, bits: Ints, sizes: Sequence[Size]) -> Codes:
@@ -179,7 +186,7 @@ class _Reader:
             raise InputError("a texture of this file holds other codes than were stored: encode it again")
 
 
-def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
+def fitted(codes: Codes, bits: Ints, canvas: Canvas) -> CodeModel:
     """The model of codes (N, C): of each channel the terms, then the spread of what remains, then the mixture."""
     count, channels = codes.shape
     middle = codes.mean(0).round().astype(np.int64)
@@ -202,9 +209,7 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
             weighted = weighted + values[cell + canvas.offset(term)] * weight
         guess = model.guess(weighted)
         error = (ONE * values[cell] - guess)[some].astype(np.float64)
-        deviation = max(8, int(np.sqrt(np.square(error).mean())))
-        exponent = deviation.bit_length() - 4  # four significant bits, the first of which is always 1
-        model.spread[channel] = exponent << 3 | (deviation >> exponent) & 7  # read by `CodeModel.scale`
+        model.spread[channel] = _spread(error)
         # A channel's activity is in the plane after that of its values, so `cell` is the channel before.
         before = activity[cell].astype(np.int64)
         now = model.activity(channel, values[cell], guess, before)
@@ -213,6 +218,13 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
         seen = codes[some, channel].astype(np.int64), guess[some], around[some], before[some]
         model.mixture[channel] = _mixture(model, channel, *seen)
     return model
+
+
+def _spread(error: NDArray[np.float64]) -> int:
+    """The spread of errors (n,), times `ONE`: their root mean square as the number that `CodeModel.scale` reads."""
+    deviation = max(8, int(np.sqrt(np.square(error).mean())))
+    exponent = deviation.bit_length() - 4  # four significant bits, the first of which is always 1
+    return exponent << 3 | (deviation >> exponent) & 7
 
 
 def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canvas: Canvas) -> list[tuple[int, int]]:

@@ -36,7 +36,7 @@ class FromHost(NamedTuple):
     """What the host gives a step: tensors of the CPU, and a plan on which the step's program depends."""
 
     tensors: list[Tensor]
-    plan: Any = None  # hashable; None: drawn numbers alone
+    plan: Any = None  # hashable; None: drawn numbers, one tensor of them
 
 
 @dataclass
@@ -105,13 +105,24 @@ class Drawing(TorchFunctionMode):
             draw.buffers = _on(device, draw.first.tensors)
         return FromHost(draw.buffers, draw.first.plan)
 
+    def _draw_of(self, value: object) -> Draw | None:
+        """The draw whose numbers `value` is, as they came from the generator; None for any other value."""
+        for draw in self.draws:
+            if draw.first.plan is None and draw.first.tensors[0] is value:
+                return draw
+        return None
+
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        """Call PyTorch's `func`, or give what is known: numbers of the first step, or their memory on the device.
+
+        PyTorch calls this for each of its functions within the block. What reads or changes drawn numbers is noted.
+        """
         kwargs = kwargs or {}
         if self.on_host:
             return func(*args, **kwargs)
         if kwargs.get("generator") is self.generator:
             return self.next(lambda progress: FromHost([func(*args, **kwargs)]), 0.0).first.tensors[0]
-        draw = next((draw for draw in self.draws if args and args[0] is draw.first.tensors[0]), None)
+        draw = self._draw_of(args[0]) if args else None
         if draw is not None and func is Tensor.to:
             if not draw.buffers:
                 draw.buffers = [func(*args, **kwargs)]
@@ -138,6 +149,7 @@ def on_host(make: Callable[[float], FromHost], progress: float, device: torch.de
 
 
 def _on(device: torch.device, tensors: list[Tensor]) -> list[Tensor]:
+    """The tensors on a device; the host does not wait for the copies."""
     return [tensor.to(device, non_blocking=True) for tensor in tensors]
 
 
@@ -180,18 +192,9 @@ class Steps:
         for draw, given in zip(program.draws, numbers, strict=True):
             for buffer, values in zip(draw.buffers, given.tensors, strict=False):  # what only the host reads has none
                 buffer.copy_(values, non_blocking=True)
-        if program.replay is None:
-            if sum(each.replay is not None for each in self.programs.values()) == MOST_GRAPHS:
-                with Drawing(self.generator, program.draws):
-                    return self.step(progress)
-            try:
-                self._record(program, progress)
-            except RuntimeError as error:
-                log.info("steps are not replayed as a graph: %s", error)
-                self.refused.add(phase)
-                self.optimisers.clear()
-                with Drawing(self.generator, program.draws):
-                    return self.step(progress)
+        if program.replay is None and not self._recorded(program, phase, progress):
+            with Drawing(self.generator, program.draws):
+                return self.step(progress)
         assert program.replay is not None
         program.replay()
         return program.loss
@@ -223,10 +226,22 @@ class Steps:
         self.programs[phase, decisions] = Program(drawing.draws, loss)
         return loss
 
-    def _record(self, program: Program, progress: float) -> None:
-        """Record a step with the numbers that are in its memory, without taking it."""
-        module: Any = torch.get_device_module(self.device)
-        graph = module.CUDAGraph()
-        with Drawing(self.generator, program.draws), module.graph(graph):
-            program.loss = self.step(progress)
+    def _recorded(self, program: Program, phase: Hashable, progress: float) -> bool:
+        """Record a step with the numbers that are in its memory, without taking it. Whether that could be done.
+
+        Beyond `MOST_GRAPHS` nothing is recorded. A phase whose step cannot be recorded is refused from now on.
+        """
+        if sum(each.replay is not None for each in self.programs.values()) == MOST_GRAPHS:
+            return False
+        try:
+            module: Any = torch.get_device_module(self.device)
+            graph = module.CUDAGraph()
+            with Drawing(self.generator, program.draws), module.graph(graph):
+                program.loss = self.step(progress)
+        except RuntimeError as error:
+            log.info("steps are not replayed as a graph: %s", error)
+            self.refused.add(phase)
+            self.optimisers.clear()
+            return False
         program.replay = graph.replay
+        return True

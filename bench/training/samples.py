@@ -45,7 +45,7 @@ class Samples:
         self.shape = btf.shape
         self.pairs = len(btf)
         self.texels = btf.shape[0] * btf.shape[1]
-        self.trained = self.texels  # these come first; others belong to materials kept out of training, for the curve
+        self.trained = self.texels  # the first texels, as many as are trained on; others are kept out, for the curve
         self.wo = torch.from_numpy(btf.wo).to(fit.device)
         self.wi = torch.from_numpy(btf.wi).to(fit.device)
         if fit.density:  # the scene's directions follow those of the pairs

@@ -1,9 +1,9 @@
 """The weights of a network in a file: as floats, as halves, or in eight bits, which the fit takes into account.
 
 In eight bits a matrix is stored in steps of its own, as large as the fit bears, and the codes are stored as those of
-textures are, so that many small ones take few bytes. Biases, norms and other vectors stay halves. From half of the fit
-on, a step is taken with the weights as the file will hold them: the gradient at the rounded weights moves the exact
-ones (Courbariaux et al., "BinaryConnect", 2015).
+textures are, so that many small ones take few bytes. Biases, norms, convolutions and all others that are no matrices
+stay halves. From half of the fit on, a step is taken with the weights as the file will hold them: the gradient at the
+rounded weights moves the exact ones (Courbariaux et al., "BinaryConnect", 2015).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -21,7 +21,7 @@ WeightPrecision = Literal["float32", "half", "int8"]
 
 BEARABLE = 0.03  # share of the fit's squared error that the rounding of all weights may add
 MIDDLE = 2 ** (MOST_BITS - 1)  # the code of a weight of 0
-PROBED = 8  # so many times the least step is rounded to see what a step adds
+PROBED = 8  # a matrix is rounded in steps this many times its least one, to see what error a step adds
 MOST = MIDDLE - 1  # the most steps of a weight
 STEPS = "stored_steps"  # the buffer of a network with the step of each of its matrices; 0: not chosen
 
@@ -52,6 +52,8 @@ def store_network(network: nn.Module, precision: WeightPrecision) -> dict[str, T
     if precision != "int8":
         return pack("weights", to_vector(network), precision)
     matrices, others = _matrices_and_others(network)
+    if not matrices:
+        return pack("weights", to_vector(network), "half")
     steps = _steps(network, matrices)
     codes = [_codes(matrix, step) for matrix, step in zip(matrices, steps, strict=True)]
     stored = {"weights": compress((_joined(codes) + MIDDLE)[:, None], [MOST_BITS], _sizes(matrices))}
@@ -119,6 +121,8 @@ def rounded_weights(networks: Iterable[nn.Module]) -> Iterator[None]:
     with torch.no_grad():
         for network in networks:
             matrices, _ = _matrices_and_others(network)
+            if not matrices:
+                continue
             for matrix, step in zip(matrices, _steps(network, matrices), strict=True):
                 exact.append((matrix, matrix.detach().clone()))
                 matrix.copy_(_codes(matrix, step) * step)
@@ -139,7 +143,7 @@ def _matrices_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]
 
 
 def _steps(network: nn.Module, matrices: Sequence[Tensor]) -> Tensor:
-    """The steps (matrices,) of a network: those that were chosen, or the least."""
+    """The steps (matrices,) of a network that has some: those that were chosen, or the least."""
     least = torch.stack([_least_step(matrix) for matrix in matrices])
     chosen = getattr(network, STEPS, None)
     return least if chosen is None else torch.where(chosen > 0, chosen, least)

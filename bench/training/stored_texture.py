@@ -24,7 +24,7 @@ Bits = Literal[0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 32]  # of a stored number, on aver
 
 VERSION = 4  # part of the version of every codec: raise it if the codes or the choice of bits change
 BEARABLE = 0.015  # share of the fit's squared error that rounding may add, if the fit chooses the bits
-PROBED = 4  # bits of a channel that is rounded alone, to measure the error that this adds, if each takes one at least
+PROBED = 4  # bits to which a channel is rounded alone, to measure the error that this adds; 0 if channels may have none
 MEASURED = 1 << 16  # texels of larger textures whose rounding is measured
 RANGES = 29  # number of tried shares of a channel's range, from 0.3 to 1: smaller ones round finer and clip more
 
@@ -147,7 +147,7 @@ def _added_errors(
     It is the mean squared change of `answers` from the `exact` ones. It is measured with one number of bits, and taken
     to grow with the square of the change of the texture.
     """
-    # A channel that may become its mean is tried as its mean: one of two values loses all by it, and nothing by 4 bits.
+    # Where a channel may become its mean, this is tried: a channel of two values would lose nothing by 4 bits.
     probed = PROBED if least else 0
     change = _change(values, probed)
     changes_of_answers: list[Tensor] = []  # mean squared, of each channel
@@ -291,15 +291,15 @@ def store_table(name: str, table: Tensor, rounding: Rounding, axis: int) -> dict
 
 
 def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str, Tensor]:
-    """A texture (…, C) as named tensors; each channel gets the bits that it has in another texture, `other`, which
-    `store_texture` stored under the same name."""
+    """A texture (…, C) as named tensors; each channel gets the bits that it has in another texture.
+
+    `other` are the tensors that `store_texture` made of that texture, under the same name.
+    """
     if f"{name}.step" not in other:
         return pack(name, values, "half" if other[name].dtype == torch.float16 else "float32")
     rounding = Rounding(values.shape[-1], MOST_BITS)
-    bits = other[name][
-        1 : 1 + values.shape[-1]
-    ]  # `compress` writes one byte for the way, then the bits of each channel
-    rounding.set(values, bits)
+    # `compress` writes one byte for the way, then the bits of each channel.
+    rounding.set(values, other[name][1 : 1 + values.shape[-1]])
     return store_texture(name, values, rounding)
 
 

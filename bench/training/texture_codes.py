@@ -31,9 +31,9 @@ PACKED, PLAIN, IN_CONTEXT, PREDICTED = range(4)  # the ways; LZMA's context are 
 def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
     """Codes (…, C), those of each channel below 2^bits, as bytes (n,), uint8, without loss.
 
-    They are the way, the bits of each channel, and the codes of those with bits, stored in this way. Without the
-    `sizes` (H, W) of the pictures that codes (N, C) are of, no neighbours predict them. With channels of no bits,
-    `expand` opens `MOST_CODES` in all.
+    They are the way, the bits of each channel, and the codes of those with bits, stored in this way. `sizes` (H, W) are
+    those of the pictures whose texels codes (N, C) are; without them no neighbours predict such codes. If a channel has
+    no bits, `expand` refuses more than `MOST_CODES` codes in all.
     """
     stored = [channel for channel, count in enumerate(bits) if count]  # the channels of one bit or more
     if stored:
@@ -125,25 +125,33 @@ def _expanded(
             raise InputError("a texture of this file does not say how its codes lie: encode it again")
         found = predicted_codes.decode(payload, bits.astype(np.int64), pictures)
         return torch.from_numpy(found.reshape(tuple(shape)).astype(np.float32))
-    if way == PACKED:
-        flags = np.unpackbits(np.frombuffer(payload, np.uint8))
-        ends = np.cumsum(bits.astype(int) * size)  # where the bits of each channel end
-        parts = np.split(flags, ends)[:-1] if len(flags) >= ends[-1] else []  # the last part only fills a byte
-        # Each code is at the high end of a byte; below they are shifted down.
-        planes_of_channels = [np.packbits(part.reshape(size, -1), axis=1)[:, 0] for part in parts]
-        planes = np.concatenate([np.empty(0, np.uint8), *planes_of_channels])
-    else:
-        try:
-            decoder = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=_coder(way, count))
-            planes = np.frombuffer(decoder.decompress(payload, max_length=count), np.uint8)
-        except lzma.LZMAError as error:
-            raise InputError(f"a texture of this file does not expand ({error}): encode it again") from error
+    planes = _unpacked(payload, bits, size) if way == PACKED else _decompressed(way, payload, count)
     if len(planes) != count:
         raise InputError(f"a texture of this file holds {len(planes)} codes, not {count}: encode it again")
     planes = planes.reshape(channels, size)
-    if way != PLAIN:
+    if way != PLAIN:  # each code is at the high end of its byte
         planes = planes >> (MOST_BITS - bits)[:, None]
     return torch.from_numpy(planes.T.reshape(tuple(shape)).astype(np.float32))
+
+
+def _unpacked(payload: bytes, bits: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    """The codes of all planes, `size` in each, one plane after the other, from their bits alone: each code at the high
+    end of its byte. Empty if the payload is too short."""
+    flags = np.unpackbits(np.frombuffer(payload, np.uint8))
+    ends = np.cumsum(bits.astype(int) * size)  # where the bits of each channel end
+    if len(flags) < ends[-1]:
+        return np.empty(0, np.uint8)
+    parts = np.split(flags, ends)[:-1]  # the last part only fills a byte
+    return np.concatenate([np.packbits(part.reshape(size, -1), axis=1)[:, 0] for part in parts])
+
+
+def _decompressed(way: int, payload: bytes, count: int) -> NDArray[np.uint8]:
+    """The codes of all planes, at most `count`, by LZMA; `InputError` if it cannot read the payload."""
+    try:
+        decoder = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=_coder(way, count))
+        return np.frombuffer(decoder.decompress(payload, max_length=count), np.uint8)
+    except lzma.LZMAError as error:
+        raise InputError(f"a texture of this file does not expand ({error}): encode it again") from error
 
 
 def _coder(way: int, count: int) -> list[dict[str, int]]:

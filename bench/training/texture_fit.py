@@ -58,7 +58,7 @@ class TextureObjective(Objective):
     texture_rate: ClassVar[str] = "latent_rate"  # the setting that is the texture's highest learning rate
 
     def phase(self, progress: float) -> Hashable | None:
-        """By halves. A codec whose steps depend on `progress`, or on what the host keeps, otherwise has its own."""
+        """The half of the fit. A codec whose steps depend otherwise on `progress`, or on the host, overrides this."""
         return phase_by_halves(progress)
 
     def stored_networks(self) -> list[nn.Module]:
@@ -83,10 +83,11 @@ Fitted = TypeVar("Fitted", bound=Objective)
 
 
 def fitted(objective: Callable[[Samples, Any, torch.Generator], Fitted], settings: Any, btf: BTF, fit: Fit) -> Fitted:
-    """An objective that `objective` makes of samples, a codec's settings and a generator, fitted to a whole BTF."""
+    """Fit an objective to a whole BTF, and return it; `objective` makes it of samples, `settings` and a generator."""
     samples = Samples(btf, gain_of(btf, fit), fit)
 
     def made(start: Fit) -> Fitted:
+        """The objective as it is before the first step."""
         return objective(samples, settings, start.generator())
 
     if getattr(settings, "offset", 0):  # of a codec on several grids
@@ -101,7 +102,7 @@ class DirectedObjective(TextureObjective):
     then those of the two directions, of the kind `settings.directions`.
 
     The network starts at the mean of the data for any inputs; with `about` its last weights are random, so it starts
-    near the mean. Its weights are the first numbers of the generator.
+    near the mean. Its weights are the first that is drawn from the generator.
     """
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator, about: bool = False):

@@ -76,6 +76,14 @@ def test_queries_of_wrong_shape_kind_or_length_are_named():
             Constant().query(*wrong)
 
 
+def test_directions_may_be_whole_numbers_and_of_another_kind_than_uv():
+    uv = torch.full((1, 2), 0.5)
+    up = torch.tensor([[0, 0, 1]])
+    expected = Constant().query(uv, up.float(), up.float())
+    assert torch.equal(Constant().query(uv, up, up), expected)
+    assert torch.equal(Constant().query(uv, up.numpy(), up.tolist()), expected)
+
+
 def test_batches_are_chunked_and_an_empty_one_is_empty():
     material = Constant()
     assert material.query(*queries(0)).shape == (0, 3)

@@ -81,7 +81,7 @@ class Encoded:
 
 @dataclass
 class Subject:
-    """A codec under stress: its conformance bench holds the ordinary small material, encoded once."""
+    """A codec under stress: `tested` holds the ordinary material, encoded once."""
 
     tested: CodecUnderTest
     stored: Parts | None = None  # tensors to use instead of those of the ordinary material's file

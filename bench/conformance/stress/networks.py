@@ -217,7 +217,6 @@ def trained_with_firefly(subject: Subject) -> Measured:
     """Measure how many dB the other texels lose to one firefly; they must stay no worse than mean-colour."""
     others = np.ones(ordinary().shape, bool)
     others[3, 5] = False  # the texel of `firefly`
-
     encoded = subject.encode(firefly())
     plain = subject.usual
     truth = plain.truth[:, others]

@@ -12,7 +12,16 @@ import torch
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.codec import Codec, Parts
 from bench.conformance import emulated, stress
-from bench.conformance.check import STAGES, CodecUnderTest, counted, encodes, framed, on_a_gpu
+from bench.conformance.check import (
+    STAGES,
+    CheckError,
+    CodecUnderTest,
+    _require_same,
+    counted,
+    encodes,
+    framed,
+    on_a_gpu,
+)
 from bench.conformance.verdicts import _extremes, check, codec_to_check
 from bench.material import DecoderCost, Material
 from bench.training.quantise import unpack
@@ -359,3 +368,8 @@ def test_a_first_mistake_names_the_method_its_line_and_the_remedy(name, method, 
     assert message.startswith(f"{method.__qualname__} ({__file__}:{code.co_firstlineno}) returned ")
     assert re.search(says, message), message
     assert "\n" not in message
+
+
+def test_answers_of_another_shape_are_named():
+    with pytest.raises(CheckError, match=r"slice: answers have the shape \(4, 3\), not \(5, 3\)"):
+        _require_same("slice", torch.zeros(4, 3), torch.zeros(5, 3), tolerance=0.0)

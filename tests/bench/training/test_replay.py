@@ -112,3 +112,10 @@ def test_kinds_beyond_the_most_are_taken_without_a_graph(
     ours = fitted("neubtf-direct", gpu)
     assert [program.replay is not None for program in kinds.values()] == [True, False]
     require_equal(ours, step_by_step("neubtf-direct", gpu, monkeypatch))
+
+
+def test_the_host_may_give_a_plan_alone() -> None:
+    with replay.Drawing(torch.Generator()):
+        given = replay.on_host(lambda progress: replay.FromHost([], plan=progress), 0.5, torch.device("cpu"))
+        assert torch.ones(2).sum() == 2  # any operation after it
+    assert given.plan == 0.5

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from torch import nn
 
 from bench.inputs.errors import InputError
 from bench.training.decoder import Architecture, Decoder
@@ -13,6 +14,7 @@ from bench.training.stored_network import (
     note_steps,
     rounded_weights,
     store_network,
+    to_vector,
 )
 
 NORMED = Architecture(9, (16, 16), activation="sine", norm=True)
@@ -103,3 +105,11 @@ def test_a_file_with_too_few_weights_is_refused() -> None:
         if stored[name].numel() > 1:
             with pytest.raises((ValueError, InputError)):
                 load_network(Decoder(NORMED), {**stored, name: stored[name][:-1]})
+
+
+def test_a_network_without_matrices_is_stored_in_halves() -> None:
+    convolution = nn.Conv2d(3, 2, 3)
+    note_steps([convolution])
+    with rounded_weights([convolution]):
+        stored = store_network(convolution, "int8")
+    assert torch.equal(to_vector(load_network(nn.Conv2d(3, 2, 3), stored)), to_vector(convolution).half().float())
