@@ -46,7 +46,7 @@ class Hemisphere(nn.Module):
     """Barycentric weights over the sampled directions (m, 3) of one side; call it with queries (n, 3)."""
 
     def __init__(self, directions: np.ndarray):
-        """Triangulate directions (n, 3) in the stereographic plane, unless they span no triangle."""
+        """Triangulate directions (m, 3) in the stereographic plane, unless they span no triangle."""
         super().__init__()
         points = stereographic(torch.as_tensor(directions, dtype=torch.float64))
         self.register_buffer("points", points.float())
@@ -274,14 +274,16 @@ class PairInterpolator(nn.Module):
         return nearest, index
 
     def outside(self, wo: Tensor, wi: Tensor) -> Tensor:
-        """Mask (n,) of queries whose view or light lies outside the hull of the samples; all False if scattered."""
-        if not self.product:
-            return torch.zeros(len(wo), dtype=torch.bool, device=wo.device)
-        sides = ((self.views, wo), (self.lights, wi))
-        masks = [side.outside(queries) for side, queries in sides if not side.flat]
-        if not masks:
-            return torch.zeros(len(wo)).bool()
-        return torch.stack(masks).any(0)
+        """Mask (n,) of the queries wo, wi (n, 3) whose view or light lies outside the hull of its side.
+
+        A side that spans no triangle has no hull, and nothing is outside of it; nor is anything of scattered pairs.
+        """
+        outside = torch.zeros(len(wo), dtype=torch.bool, device=wo.device)
+        if self.product:
+            for side, queries in ((self.views, wo), (self.lights, wi)):
+                if not side.flat:
+                    outside = outside | side.outside(queries)
+        return outside
 
 
 def pack_layout(layout: Layout) -> dict[str, Tensor]:

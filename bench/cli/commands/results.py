@@ -39,7 +39,7 @@ from bench.compare.reference import published
 from bench.files.atomic import write
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
 from bench.records import FILE, load_together
-from reports import KINDS, WHY_EMPTY, table_text
+from reports import WHY_EMPTY, table_text
 
 _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
 
@@ -127,18 +127,16 @@ def _table(path: Path, words: str) -> str:
         options, unknown = parser.parse_known_args(rest)
     except argparse.ArgumentError as error:
         raise InputError(f"{path}: `neubtf-bench {words}`: {error}") from error
-    kinds = [word for word in options.what if word in KINDS]
-    sources = [word for word in options.what if word not in KINDS]
+    kinds, sources = table.kinds_and_places(options.what)
     kind = kinds[0] if kinds else None
     format = options.format
     if command != "table" or len(kinds) > 1 or not sources or unknown or format not in ("text", "markdown"):
         raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
-    paths = [Path(source) for source in sources]
     choice = table.choice(options)
     if kind == "parameters":
-        text = table.parameters_table(paths, format, choice)
+        text = table.parameters_table(sources, format, choice)
     else:
-        text = table_text(paths, format, kind, choice, options.all)
+        text = table_text(sources, format, kind, choice, options.all)
     if kind and not text.strip():
         text = f"No such table yet: {WHY_EMPTY[kind]}"
     return f"{text}\n" if format == "markdown" else f"```\n{text}\n```\n"
