@@ -32,6 +32,7 @@ from bench.data.materials.maps import resize
 from bench.data.open import open_material
 from bench.data.spec import Preparation, named
 from bench.directions.hemisphere import from_degrees, to_degrees
+from bench.inputs.errors import did_you_mean
 from bench.material import Material
 from bench.metrics import DEFAULTS, chosen_names, metric_of
 from bench.metrics.angular import THETA_EDGES_DEG
@@ -82,7 +83,7 @@ class Bench:
     def quarter(
         self, name: str, kind: str = "paper", settings: dict[str, Any] | None = None, size: int = SIZE
     ) -> FittedMaterial:
-        """What `file_of_quarter` holds."""
+        """The fitted material in `file_of_quarter`."""
         return FittedMaterial.read(self.file_of_quarter(name, kind, settings, size))
 
     def file_of_quarter(
@@ -147,7 +148,8 @@ def frontal(btf: BTF) -> Array:
 
 
 def propagated(btf: BTF, material: NeuBTFMaterial) -> list[float]:
-    """Display PSNR of the quarter that was seen, of the rest, and there of the seen part's mean ABRDF; pooled."""
+    """Pooled display PSNR in dB: of the quarter that was seen, of the rest, and, on the rest, of the mean ABRDF of the
+    quarter."""
     shown, seen = exposure(btf), np.zeros(btf.shape, bool)
     seen[: btf.shape[0] // 2, : btf.shape[1] // 2] = True
     found = []
@@ -161,7 +163,7 @@ def propagated(btf: BTF, material: NeuBTFMaterial) -> list[float]:
 
 
 def at(btf: BTF, pair: int) -> tuple[list[float], list[float]]:
-    """View and light of a pair."""
+    """View and light of a pair, unit vectors, as `Material.slice` takes them."""
     return btf.wo[pair].tolist(), btf.wi[pair].tolist()
 
 
@@ -352,7 +354,7 @@ def draw_levels(bench: Bench) -> None:
 
 
 def print_levels(name: str, found: list[list[float]]) -> None:
-    """The table of `levels`."""
+    """Print what `levels` found as a table with this name above it."""
     print(f"{name}:\n| scale | R(A(G↓)) to truth↓ | R(A(G))↓ to truth↓ | R(A(G↓)) to R(A(G))↓ |\n|" + " --- |" * 4)
     for scale, psnr in zip(SCALES, found, strict=True):
         cells = [f"{scale:g}"]
@@ -362,7 +364,7 @@ def print_levels(name: str, found: list[list[float]]) -> None:
 
 
 def levels(source: FittedMaterial, btf: BTF, fitted: tuple[int, int]) -> list[list[float]]:
-    """PSNR at each scale, pooled over a third of the held-out pairs: see the heads of `print_levels`.
+    """Display PSNR in dB at each scale, pooled over a third of the held-out pairs: see the heads of `print_levels`.
 
     `fitted` are the rows and columns of the material, from the upper left, that the fit saw.
     """
@@ -375,9 +377,11 @@ def levels(source: FittedMaterial, btf: BTF, fitted: tuple[int, int]) -> list[li
         small = guided(source, own, Treatment(scale=scale, exposure="1"))
         errors = []
         for pair in heldout(btf)[::3]:
-            pictures = btf[pair][:rows, :columns], *(each.slice(*at(btf, pair)).numpy() for each in (whole, small))
-            truth, after, before = (to_display(resize(each, small.size), shown) for each in pictures)
-            errors.append([np.square(a - b).mean() for a, b in ((before, truth), (after, truth), (before, after))])
+            truth = to_display(resize(btf[pair][:rows, :columns], small.size), shown)
+            after = to_display(resize(whole.slice(*at(btf, pair)).numpy(), small.size), shown)
+            before = to_display(resize(small.slice(*at(btf, pair)).numpy(), small.size), shown)
+            compared = ((before, truth), (after, truth), (before, after))
+            errors.append([np.square(a - b).mean() for a, b in compared])
         found.append((-10 * np.log10(np.maximum(np.mean(errors, 0), 1e-12))).tolist())
     return found
 
@@ -427,12 +431,17 @@ def draw_failure(bench: Bench) -> None:
 
 
 def _print_rings(names: Iterable[str], rings: Sequence[Array], columns: Sequence[Sequence[float]]) -> None:
-    """The table of PSNR and SSIM of each codec by angle of view."""
+    """Print a table of PSNR and SSIM by angle of view.
+
+    `rings` are masks of the held-out pairs of each ring of 15°; `columns` are PSNR and SSIM by ring, codec by codec.
+    """
     print("| θₒ in degrees | pairs | " + " | ".join(f"{name}, dB | SSIM" for name in names) + " |")
     print("|" + " --- |" * (2 + len(columns)))
-    for i, values in enumerate(zip(*columns, strict=True)):
-        told = [f"{value:.{(1, 3)[k % 2]}f}" for k, value in enumerate(values)]
-        print("| " + " | ".join([f"{15 * i}–{15 * i + 15}", str(int(rings[i].sum())), *told]) + " |")
+    for i, ring in enumerate(rings):
+        cells = [f"{15 * i}–{15 * i + 15}", str(int(ring.sum()))]
+        for psnr, ssim in zip(columns[::2], columns[1::2], strict=True):
+            cells += [f"{psnr[i]:.1f}", f"{ssim[i]:.3f}"]
+        print(f"| {' | '.join(cells)} |")
 
 
 def _draw_slices(place: Any, btf: BTF, materials: Mapping[str, Material]) -> None:
@@ -457,11 +466,15 @@ DRAWINGS: dict[str, Callable[[Bench], None]] = {
 
 
 def main() -> None:
+    """Draw the pictures that the command line names, or all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(DRAWINGS)} (default: all)")
     parser.add_argument("--out", type=Path, default=Path("docs/images"))
     parser.add_argument("--keep", type=Path, required=True, help="a folder for the fitted files")
     chosen = parser.parse_args()
+    for name in chosen.names:
+        if name not in DRAWINGS:
+            parser.error(f"no picture is named {name!r}{did_you_mean(name, DRAWINGS)}")
     chosen.keep.mkdir(parents=True, exist_ok=True)
     bench = Bench(chosen.out, chosen.keep)
     torch.set_num_threads(1)  # the bits of a fit depend on the number of threads

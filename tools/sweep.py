@@ -10,6 +10,7 @@ default.
 """
 
 import argparse
+import itertools
 import json
 import math
 import os
@@ -113,8 +114,12 @@ def read(out: Path) -> list[dict[str, Any]]:
 
 
 def words(change: dict[str, Any]) -> str:
-    """A change as on a command line."""
-    return " ".join(f"{name}={json.dumps(value).strip(chr(34))}" for name, value in change.items()) or "default"
+    """A change as on a command line, `KEY=VALUE …`; `default` if nothing is changed."""
+    assigned = []
+    for name, value in change.items():
+        text = value if isinstance(value, str) else json.dumps(value)  # JSON for `true` and `false`
+        assigned.append(f"{name}={text}")
+    return " ".join(assigned) or "default"
 
 
 def run(options: argparse.Namespace) -> None:
@@ -127,7 +132,7 @@ def run(options: argparse.Namespace) -> None:
         for codec in options.codecs:
             row = {"codec": codec, "version": load_codec(codec).version, "surface": surface}
             row |= {"steps": options.steps, "size": options.size}
-            for seed, change in ((seed, change) for seed in options.seeds for change in trials(codec)):
+            for seed, change in itertools.product(options.seeds, trials(codec)):
                 trial = row | {"seed": seed, "change": change}
                 if key(trial) in done:
                     continue
