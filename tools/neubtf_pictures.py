@@ -400,25 +400,36 @@ def draw_failure(bench: Bench) -> None:
     codecs = [load_codec(name)(steps=2_500) for name in ("neubtf", "neumip")]
     files = {codec.name: bench.file(btf.subset(btf.split().train), codec, FAILING, str(SMALL)) for codec in codecs}
     materials = {name: loading.load(path)[1] for name, path in files.items()}
-    ssim = metric_of(chosen_names(DEFAULTS, btf.periodic), SSIM)
-    scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
     held = heldout(btf)
     ring = np.digitize(to_degrees(btf.wo[held])[0], THETA_EDGES_DEG[1:-1])
     rings = [ring == i for i in range(5)]
+    columns = [column for material in materials.values() for column in _by_ring(btf, material, held, rings)]
+    _print_rings(materials, rings, columns)
     figure = Figure(figsize=(8, 8.6), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=[1, 2])
-    panels: Any = top.subplots(1, 2)
-    columns = []
-    for (name, material), style in zip(materials.items(), ("o-", "s--"), strict=True):
-        scores = scorer.score(held, lambda i, m=material: m.slice(*at(btf, i)).numpy())
-        psnr = [-10 * np.log10(scores.raw["psnr_display"][here].mean()) for here in rings]
-        alike = [scores.raw[ssim][here].mean() for here in rings]
-        columns += [psnr, alike]
-        label = f"{name}, {files[name].stat().st_size / 1e3:.0f} kB"
-        for axes, values in zip(panels, (psnr, alike), strict=True):
+    labels = [f"{name}, {path.stat().st_size / 1e3:.0f} kB" for name, path in files.items()]
+    _draw_rings(top, labels, columns)
+    _draw_slices(bottom, btf, materials)
+    bench.save(figure, "failure.png")
+
+
+def _by_ring(btf: BTF, material: Material, held: Array, rings: Sequence[Array]) -> tuple[list[float], list[float]]:
+    """Pooled display PSNR in dB, and mean SSIM, of a material at the pairs `held` (n,), for each ring, a mask (n,)."""
+    ssim = metric_of(chosen_names(DEFAULTS, btf.periodic), SSIM)
+    scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
+    scores = scorer.score(held, lambda pair: material.slice(*at(btf, pair)).numpy())
+    psnr = [float(-10 * np.log10(scores.raw["psnr_display"][ring].mean())) for ring in rings]
+    alike = [float(scores.raw[ssim][ring].mean()) for ring in rings]
+    return psnr, alike
+
+
+def _draw_rings(place: Any, labels: Sequence[str], columns: Sequence[Sequence[float]]) -> None:
+    """Draw two panels, PSNR and SSIM by angle of view, with a curve for each of two codecs; `columns` are those of
+    `_print_rings`."""
+    panels: Any = place.subplots(1, 2)
+    for axes, what, curves in zip(panels, ("display PSNR, dB", "SSIM"), (columns[::2], columns[1::2]), strict=True):
+        for label, values, style in zip(labels, curves, ("o-", "s--"), strict=True):
             axes.plot(np.arange(5) * 15 + 7.5, values, style, label=label)
-    _print_rings(materials, rings, columns)
-    for axes, what in zip(panels, ("display PSNR, dB", "SSIM"), strict=True):
         axes.set_xlabel("angle of view θₒ in degrees", fontsize=LARGE)
         axes.set_title(what, fontsize=LARGE)
         axes.set_xticks(range(0, 76, 15))
@@ -426,8 +437,6 @@ def draw_failure(bench: Bench) -> None:
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
     panels[1].legend(frameon=False, fontsize=LARGE)
-    _draw_slices(bottom, btf, materials)
-    bench.save(figure, "failure.png")
 
 
 def _print_rings(names: Iterable[str], rings: Sequence[Array], columns: Sequence[Sequence[float]]) -> None:

@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     code = _run(words)
     if argv is not None:
         return code
-    if "torch" not in sys.modules:  # with which come libraries that check, at the end, whether all is freed
+    if "torch" not in sys.modules:  # libraries that come with PyTorch check, at the end, whether all is freed
         gc.freeze()  # else Python looks for garbage among all objects as it ends: a seventh of a table's time
     running = _threads_left()
     if running:
@@ -71,7 +71,7 @@ def _threads_left() -> list[str]:
 def _run(words: list[str]) -> int:
     """Run one command, and turn exceptions into exit codes and lines for people."""
     if "OMP_WAIT_POLICY" not in os.environ:
-        # PyTorch's idle threads spin before they sleep, for 0.2 ms instead of 8: Dr.Jit's threads need the cores.
+        # Idle threads of PyTorch spin for 8 ms before they sleep. Let it be 0.2 ms: Dr.Jit's threads need the cores.
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")
     try:
         # Schedulers send SIGTERM: keep finished work, as after Ctrl-C.

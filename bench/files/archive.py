@@ -72,7 +72,7 @@ class ZipFiles:
         return name in self.entries
 
     def beside(self, name: str) -> list[str]:
-        """The names of all entries."""
+        """The names of all entries, of every folder; so those beside the entry `name` are among them."""
         return list(self.entries)
 
     def size(self, name: str) -> int:
