@@ -295,7 +295,9 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
     pairs = np.stack([layout.view, layout.light], 1)
     views_fastest = _views_fastest(layout)
     if views_fastest is not None and len(pairs) <= MOST_IMPLIED:
-        return sides | ({"views_fastest": torch.ones(1, dtype=torch.uint8)} if views_fastest else {})
+        if views_fastest:
+            sides["views_fastest"] = torch.ones(1, dtype=torch.uint8)
+        return sides
     most = max(len(layout.views), len(layout.lights))
     if most <= 256:
         dtype = torch.uint8
@@ -340,11 +342,8 @@ def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     table to fit. Raises `KeyError` if a tensor is missing, `ValueError` if one is invalid or does not fit the table."""
     views = parts["views"].float().numpy()
     lights = parts["lights"].float().numpy()
-    for side in (views, lights):
-        # Bounded first, so that the squares of a norm cannot overflow.
-        bounded = side.shape[1:] == (3,) and len(side) and side.min() >= -1 - UNIT and side.max() <= 1 + UNIT
-        if not bounded or not (np.abs(np.linalg.norm(side, axis=1) - 1) < UNIT).all() or side[:, 2].min() < -UNIT:
-            raise ValueError("its directions are not unit vectors of the upper hemisphere")
+    if not (_are_directions(views) and _are_directions(lights)):
+        raise ValueError("its directions are not unit vectors of the upper hemisphere")
     if "pairs" in parts:
         pairs = parts["pairs"].long().numpy()
         low, high = pairs.min(0, initial=0), pairs.max(0, initial=0)
@@ -355,3 +354,15 @@ def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     if not sound or len(pairs) == 0 or rows not in (None, len(pairs)):
         raise ValueError("its pairs are not those of its table and directions")
     return Layout(views, lights, pairs[:, 0], pairs[:, 1])
+
+
+def _are_directions(side: np.ndarray) -> bool:
+    """Whether an array holds at least one direction (m, 3), all of them unit vectors of the upper hemisphere, within
+    `UNIT`."""
+    if side.shape[1:] != (3,) or not len(side):
+        return False
+    # Bounded first, so that the squares of a norm cannot overflow.
+    if not (side.min() >= -1 - UNIT and side.max() <= 1 + UNIT):  # also if one is NaN
+        return False
+    lengths = np.linalg.norm(side, axis=1)
+    return bool((np.abs(lengths - 1) < UNIT).all() and side[:, 2].min() >= -UNIT)

@@ -283,17 +283,18 @@ def _measured(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[
     """
     codecs = {codec.codec for codec in suite.codecs}
     material = suite.materials[0].name
+    choices = load_run(folder).choices if (folder / FILE).exists() else []
     rows = []
-    for row in load_run(folder).choices if (folder / FILE).exists() else []:
+    for row in choices:
         of_material = (row["material"], row["device"]) == (material, options.device)
         if of_material and row.get("codec") in codecs:
             rows.append(row)
-    # A setting that failed is not tried again.
-    tried = {row["label"] for row in rows if "validation" in row or "error" in row}
+    failed = {row["label"] for row in rows if "error" in row}  # these are not tried again
+    tried = failed | {row["label"] for row in rows if "validation" in row}
     rungs = usable_rungs(rows, material)
     if options.scene:
         rungs = _by_frames(folder, rungs, load_demand(suite.demand).fingerprint)
-        tried &= {row["label"] for row in rows if "error" in row} | {rung.of["label"] for rung in rungs}
+        tried = failed | {rung.of["label"] for rung in rungs}
     if options.max_gpu_bytes:
         jobs = {rung.of["of"] for rung in rungs}
         gpu_bytes_of = {job: _gpu_bytes(folder, job) for job in jobs}

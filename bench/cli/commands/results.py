@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("`results write --site DIR` is now `report docs/results RUN… --site DIR`")
     if not options.documents:
         raise InputError("results write: name a Markdown file")
-    stale = [path for path in options.documents if _written(path, options.action == "write")]
+    stale = [path for path in options.documents if _is_stale(path, options.action == "write")]
     if options.action == "check" and stale:
         names = " ".join(map(str, stale))
         say_line(f"tables differ from the records: {names}: `neubtf-bench results write {names}` mends them")
@@ -97,8 +97,9 @@ def _add(run: Path, file: Path) -> int:
     return FINE
 
 
-def _written(path: Path, writes: bool) -> bool:
-    """Make the tables of a document again, and store it if `writes`; returns whether it changed."""
+def _is_stale(path: Path, mends: bool) -> bool:
+    """Whether a table of a document differs from what its command makes now; with `mends` the document is then written
+    again."""
     with readable(str(path), "name a Markdown file"):
         text = path.read_text(encoding="utf-8")
     if not _BLOCK.search(text):
@@ -109,7 +110,7 @@ def _written(path: Path, writes: bool) -> bool:
         return block["start"] + _table(path, block["words"]) + block["end"]
 
     new = _BLOCK.sub(made_again, text)
-    if writes and new != text:
+    if mends and new != text:
         write(path, new.encode())
         say_line(f"wrote {path}")
     return new != text
