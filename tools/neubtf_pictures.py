@@ -89,7 +89,10 @@ class Bench:
     def file_of_quarter(
         self, name: str, kind: str = "paper", settings: dict[str, Any] | None = None, size: int = SIZE
     ) -> Path:
-        """NeuBTF, fitted to the upper left quarter of a material, which is not periodic; by default as `FITS` says."""
+        """The file of NeuBTF, fitted to the upper left quarter of a material, which is not periodic.
+
+        `kind` is part of the file's name; without `settings` it chooses them in `FITS`.
+        """
         if settings is None:
             settings, _ = FITS[kind]
         btf = self.btf(name, size)

@@ -74,9 +74,9 @@ def opened(surface: str, size: int) -> BTF:
     """A surface with validation pairs held out. `InputError` for one that is kept apart: nothing is chosen on it."""
     if Path(surface).name in APART:
         raise InputError(f"{surface} is kept apart: choose settings on another surface")
-    paths = {spec.name: spec for spec in load_suite("budgets").materials}
+    specs = {spec.name: spec for spec in load_suite("budgets").materials}
     data = Preparation(size=size, texels=size, split="validation")
-    return open_material(paths.get(surface) or named(surface), data, silent)
+    return open_material(specs.get(surface) or named(surface), data, silent)
 
 
 def score(file: Path, btf: BTF) -> float:
@@ -148,7 +148,9 @@ def run(options: argparse.Namespace) -> None:
 def table(rows: list[dict[str, Any]]) -> str:
     """What each change gains over the default of the same surface, seed, size and steps, as Markdown."""
     scored = {key(row): row for row in rows if "error" not in row}
-    gains: dict[tuple[str, str, str], dict[str, list[tuple[float, float]]]] = {}  # of each change, by surface
+    # By the first three cells of a line, then by surface: of each fit the gain in dB, and the logarithm of the ratio
+    # of bytes.
+    gains: dict[tuple[str, str, str], dict[str, list[tuple[float, float]]]] = {}
     for row in scored.values():
         default = scored.get(key(row | {"change": {}}))
         if default:

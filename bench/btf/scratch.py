@@ -29,9 +29,8 @@ def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[in
         with atomic.locked(path):  # else each of a dozen workers would write its own, of many gigabytes
             if not path.exists():  # no other process has made it while this one waited
                 with atomic.replacing(path) as partial:
-                    for dtype in (np.float16, np.float32):  # halves, or floats if halves lose too much
-                        if _write_copy(path, partial, read, count, shape, dtype):
-                            break
+                    if not _write_copy(path, partial, read, count, shape, np.float16):
+                        _write_copy(path, partial, read, count, shape, np.float32)  # halves would lose too much
     copy: Array = np.load(path, mmap_mode="r", allow_pickle=False)
     return copy
 

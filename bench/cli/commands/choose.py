@@ -205,7 +205,10 @@ def _gpu_bytes(folder: Path, name: str) -> int | None:
 
 
 def _offer(folder: Path, row: Timing, copy: Path | None) -> None:
-    """Print where the chosen file is, and copy it with the network that it needs."""
+    """Print where the chosen file is, and copy it with the network that it needs; `copy` is None for no copy.
+
+    `InputError` if another file took its place, or if it is to be copied and is gone or damaged.
+    """
     job = load_run(folder).job(row["of"])
     if job is None or "file" not in job:
         return
