@@ -29,7 +29,7 @@ CODECS = {
 TRUTH = ("--set", "data.views=49", "--set", "data.lights=49")
 LABEL = 22  # pixels
 QUALITY = 86  # of WebP
-BANNER = ("drape", "cable-knit", 300, ("relief", "neumip", "pca"))  # scene, material, pixels of a width, codecs
+BANNER = ("drape", "cable-knit", 300, ("relief", "neumip", "pca"))  # scene, material, width in pixels, codecs
 SCENES = {  # of files of `relief`: scene, further words
     "leather": ["plane"],
     "satin": ["drape", "--lights", "environment"],
@@ -66,7 +66,7 @@ def body(path: Path) -> Image.Image:
 
 
 def strip(work: Path, material: str, codecs: tuple[str, ...], scene: str, width: int) -> Image.Image:
-    """Truth and files side by side, with a line of names and bytes below."""
+    """Truth and codecs side by side in a scene, each `width` pixels wide, with a line of names and bytes below."""
     files = [fitted(work, material, codec) for codec in codecs]
     path = work / f"{material}-{scene}-{width}.png"
     if not path.exists():
@@ -134,6 +134,7 @@ def write(path: Path, picture: Image.Image) -> None:
 
 
 def main() -> None:
+    """Make the pictures of the materials that the command line names, and with those of all scenes the common ones."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("work", type=Path)
     parser.add_argument("out", type=Path)

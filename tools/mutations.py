@@ -9,7 +9,6 @@ Prints the mistakes that no test noticed, and the share.
 
 import argparse
 import ast
-import copy
 import os
 import random
 import shutil
@@ -50,7 +49,7 @@ OTHER = {  # by operator: the one that a mistake puts in its place
 
 
 def changed(node: ast.AST) -> str:
-    """Change one node in place; says how, or "" where this kind of mistake does not apply."""
+    """Change one node in place, and return how in words; "" for a node that no mistake is made of."""
     before = ast.unparse(node)
     match node:
         case ast.BinOp(op=op) | ast.BoolOp(op=op) if type(op) in OTHER:
@@ -72,7 +71,7 @@ def changed(node: ast.AST) -> str:
 
 
 def planted(path: Path, rng: random.Random) -> tuple[str, str] | None:
-    """A module's text with one mistake, and what it is."""
+    """A module's text with a mistake drawn by `rng`, and what and where it is; None if no mistake can be made in it."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     inside: list[ast.AST] = []
     for scope in ast.walk(tree):
@@ -80,10 +79,9 @@ def planted(path: Path, rng: random.Random) -> tuple[str, str] | None:
             inside += ast.walk(scope)
     rng.shuffle(inside)
     for node in inside:
-        old = copy.deepcopy(node)
         what = changed(node)
         if what:
-            return ast.unparse(tree), f"{path.relative_to(ROOT)}:{getattr(old, 'lineno', 0)}: {what}"
+            return ast.unparse(tree), f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}: {what}"
     return None
 
 
@@ -100,6 +98,7 @@ def noticed(folder: Path, tests: list[str]) -> bool:
 
 
 def main() -> None:
+    """Plant the mistakes one after the other, and print those that no test noticed and the share of the others."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--count", type=int, default=80)
     parser.add_argument("--seed", type=int, default=0)

@@ -32,6 +32,7 @@ from bench.data.materials.maps import resize
 from bench.data.open import open_material
 from bench.data.spec import Preparation, named
 from bench.directions.hemisphere import from_degrees, to_degrees
+from bench.inputs.errors import did_you_mean
 from bench.material import Material
 from bench.metrics import DEFAULTS, chosen_names, metric_of
 from bench.metrics.angular import THETA_EDGES_DEG
@@ -82,13 +83,16 @@ class Bench:
     def quarter(
         self, name: str, kind: str = "paper", settings: dict[str, Any] | None = None, size: int = SIZE
     ) -> FittedMaterial:
-        """What `file_of_quarter` holds."""
+        """The fitted material in `file_of_quarter`."""
         return FittedMaterial.read(self.file_of_quarter(name, kind, settings, size))
 
     def file_of_quarter(
         self, name: str, kind: str = "paper", settings: dict[str, Any] | None = None, size: int = SIZE
     ) -> Path:
-        """NeuBTF, fitted to the upper left quarter of a material, which is not periodic; by default as `FITS` says."""
+        """The file of NeuBTF, fitted to the upper left quarter of a material, which is not periodic.
+
+        `kind` is part of the file's name; without `settings` it chooses them in `FITS`.
+        """
         if settings is None:
             settings, _ = FITS[kind]
         btf = self.btf(name, size)
@@ -147,7 +151,8 @@ def frontal(btf: BTF) -> Array:
 
 
 def propagated(btf: BTF, material: NeuBTFMaterial) -> list[float]:
-    """Display PSNR of the quarter that was seen, of the rest, and there of the seen part's mean ABRDF; pooled."""
+    """Pooled display PSNR in dB: of the quarter that was seen, of the rest, and, on the rest, of the mean ABRDF of the
+    quarter."""
     shown, seen = exposure(btf), np.zeros(btf.shape, bool)
     seen[: btf.shape[0] // 2, : btf.shape[1] // 2] = True
     found = []
@@ -161,7 +166,7 @@ def propagated(btf: BTF, material: NeuBTFMaterial) -> list[float]:
 
 
 def at(btf: BTF, pair: int) -> tuple[list[float], list[float]]:
-    """View and light of a pair."""
+    """View and light of a pair, unit vectors, as `Material.slice` takes them."""
     return btf.wo[pair].tolist(), btf.wi[pair].tolist()
 
 
@@ -352,7 +357,7 @@ def draw_levels(bench: Bench) -> None:
 
 
 def print_levels(name: str, found: list[list[float]]) -> None:
-    """The table of `levels`."""
+    """Print what `levels` found as a table with this name above it."""
     print(f"{name}:\n| scale | R(A(G↓)) to truth↓ | R(A(G))↓ to truth↓ | R(A(G↓)) to R(A(G))↓ |\n|" + " --- |" * 4)
     for scale, psnr in zip(SCALES, found, strict=True):
         cells = [f"{scale:g}"]
@@ -362,7 +367,7 @@ def print_levels(name: str, found: list[list[float]]) -> None:
 
 
 def levels(source: FittedMaterial, btf: BTF, fitted: tuple[int, int]) -> list[list[float]]:
-    """PSNR at each scale, pooled over a third of the held-out pairs: see the heads of `print_levels`.
+    """Display PSNR in dB at each scale, pooled over a third of the held-out pairs: see the heads of `print_levels`.
 
     `fitted` are the rows and columns of the material, from the upper left, that the fit saw.
     """
@@ -375,9 +380,11 @@ def levels(source: FittedMaterial, btf: BTF, fitted: tuple[int, int]) -> list[li
         small = guided(source, own, Treatment(scale=scale, exposure="1"))
         errors = []
         for pair in heldout(btf)[::3]:
-            pictures = btf[pair][:rows, :columns], *(each.slice(*at(btf, pair)).numpy() for each in (whole, small))
-            truth, after, before = (to_display(resize(each, small.size), shown) for each in pictures)
-            errors.append([np.square(a - b).mean() for a, b in ((before, truth), (after, truth), (before, after))])
+            truth = to_display(resize(btf[pair][:rows, :columns], small.size), shown)
+            after = to_display(resize(whole.slice(*at(btf, pair)).numpy(), small.size), shown)
+            before = to_display(resize(small.slice(*at(btf, pair)).numpy(), small.size), shown)
+            compared = ((before, truth), (after, truth), (before, after))
+            errors.append([np.square(a - b).mean() for a, b in compared])
         found.append((-10 * np.log10(np.maximum(np.mean(errors, 0), 1e-12))).tolist())
     return found
 
@@ -396,25 +403,36 @@ def draw_failure(bench: Bench) -> None:
     codecs = [load_codec(name)(steps=2_500) for name in ("neubtf", "neumip")]
     files = {codec.name: bench.file(btf.subset(btf.split().train), codec, FAILING, str(SMALL)) for codec in codecs}
     materials = {name: loading.load(path)[1] for name, path in files.items()}
-    ssim = metric_of(chosen_names(DEFAULTS, btf.periodic), SSIM)
-    scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
     held = heldout(btf)
     ring = np.digitize(to_degrees(btf.wo[held])[0], THETA_EDGES_DEG[1:-1])
     rings = [ring == i for i in range(5)]
+    columns = [column for material in materials.values() for column in _by_ring(btf, material, held, rings)]
+    _print_rings(materials, rings, columns)
     figure = Figure(figsize=(8, 8.6), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=[1, 2])
-    panels: Any = top.subplots(1, 2)
-    columns = []
-    for (name, material), style in zip(materials.items(), ("o-", "s--"), strict=True):
-        scores = scorer.score(held, lambda i, m=material: m.slice(*at(btf, i)).numpy())
-        psnr = [-10 * np.log10(scores.raw["psnr_display"][here].mean()) for here in rings]
-        alike = [scores.raw[ssim][here].mean() for here in rings]
-        columns += [psnr, alike]
-        label = f"{name}, {files[name].stat().st_size / 1e3:.0f} kB"
-        for axes, values in zip(panels, (psnr, alike), strict=True):
+    labels = [f"{name}, {path.stat().st_size / 1e3:.0f} kB" for name, path in files.items()]
+    _draw_rings(top, labels, columns)
+    _draw_slices(bottom, btf, materials)
+    bench.save(figure, "failure.png")
+
+
+def _by_ring(btf: BTF, material: Material, held: Array, rings: Sequence[Array]) -> tuple[list[float], list[float]]:
+    """Pooled display PSNR in dB, and mean SSIM, of a material at the pairs `held` (n,), for each ring, a mask (n,)."""
+    ssim = metric_of(chosen_names(DEFAULTS, btf.periodic), SSIM)
+    scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
+    scores = scorer.score(held, lambda pair: material.slice(*at(btf, pair)).numpy())
+    psnr = [float(-10 * np.log10(scores.raw["psnr_display"][ring].mean())) for ring in rings]
+    alike = [float(scores.raw[ssim][ring].mean()) for ring in rings]
+    return psnr, alike
+
+
+def _draw_rings(place: Any, labels: Sequence[str], columns: Sequence[Sequence[float]]) -> None:
+    """Draw two panels, PSNR and SSIM by angle of view, with a curve for each of two codecs; `columns` are those of
+    `_print_rings`."""
+    panels: Any = place.subplots(1, 2)
+    for axes, what, curves in zip(panels, ("display PSNR, dB", "SSIM"), (columns[::2], columns[1::2]), strict=True):
+        for label, values, style in zip(labels, curves, ("o-", "s--"), strict=True):
             axes.plot(np.arange(5) * 15 + 7.5, values, style, label=label)
-    _print_rings(materials, rings, columns)
-    for axes, what in zip(panels, ("display PSNR, dB", "SSIM"), strict=True):
         axes.set_xlabel("angle of view θₒ in degrees", fontsize=LARGE)
         axes.set_title(what, fontsize=LARGE)
         axes.set_xticks(range(0, 76, 15))
@@ -422,17 +440,20 @@ def draw_failure(bench: Bench) -> None:
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
     panels[1].legend(frameon=False, fontsize=LARGE)
-    _draw_slices(bottom, btf, materials)
-    bench.save(figure, "failure.png")
 
 
 def _print_rings(names: Iterable[str], rings: Sequence[Array], columns: Sequence[Sequence[float]]) -> None:
-    """The table of PSNR and SSIM of each codec by angle of view."""
+    """Print a table of PSNR and SSIM by angle of view.
+
+    `rings` are masks of the held-out pairs of each ring of 15°; `columns` are PSNR and SSIM by ring, codec by codec.
+    """
     print("| θₒ in degrees | pairs | " + " | ".join(f"{name}, dB | SSIM" for name in names) + " |")
     print("|" + " --- |" * (2 + len(columns)))
-    for i, values in enumerate(zip(*columns, strict=True)):
-        told = [f"{value:.{(1, 3)[k % 2]}f}" for k, value in enumerate(values)]
-        print("| " + " | ".join([f"{15 * i}–{15 * i + 15}", str(int(rings[i].sum())), *told]) + " |")
+    for i, ring in enumerate(rings):
+        cells = [f"{15 * i}–{15 * i + 15}", str(int(ring.sum()))]
+        for psnr, ssim in zip(columns[::2], columns[1::2], strict=True):
+            cells += [f"{psnr[i]:.1f}", f"{ssim[i]:.3f}"]
+        print(f"| {' | '.join(cells)} |")
 
 
 def _draw_slices(place: Any, btf: BTF, materials: Mapping[str, Material]) -> None:
@@ -457,11 +478,15 @@ DRAWINGS: dict[str, Callable[[Bench], None]] = {
 
 
 def main() -> None:
+    """Draw the pictures that the command line names, or all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(DRAWINGS)} (default: all)")
     parser.add_argument("--out", type=Path, default=Path("docs/images"))
     parser.add_argument("--keep", type=Path, required=True, help="a folder for the fitted files")
     chosen = parser.parse_args()
+    for name in chosen.names:
+        if name not in DRAWINGS:
+            parser.error(f"no picture is named {name!r}{did_you_mean(name, DRAWINGS)}")
     chosen.keep.mkdir(parents=True, exist_ok=True)
     bench = Bench(chosen.out, chosen.keep)
     torch.set_num_threads(1)  # the bits of a fit depend on the number of threads

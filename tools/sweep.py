@@ -10,6 +10,7 @@ default.
 """
 
 import argparse
+import itertools
 import json
 import math
 import os
@@ -73,9 +74,9 @@ def opened(surface: str, size: int) -> BTF:
     """A surface with validation pairs held out. `InputError` for one that is kept apart: nothing is chosen on it."""
     if Path(surface).name in APART:
         raise InputError(f"{surface} is kept apart: choose settings on another surface")
-    paths = {spec.name: spec for spec in load_suite("budgets").materials}
+    specs = {spec.name: spec for spec in load_suite("budgets").materials}
     data = Preparation(size=size, texels=size, split="validation")
-    return open_material(paths.get(surface) or named(surface), data, silent)
+    return open_material(specs.get(surface) or named(surface), data, silent)
 
 
 def score(file: Path, btf: BTF) -> float:
@@ -113,8 +114,12 @@ def read(out: Path) -> list[dict[str, Any]]:
 
 
 def words(change: dict[str, Any]) -> str:
-    """A change as on a command line."""
-    return " ".join(f"{name}={json.dumps(value).strip(chr(34))}" for name, value in change.items()) or "default"
+    """A change as on a command line, `KEY=VALUE …`; `default` if nothing is changed."""
+    assigned = []
+    for name, value in change.items():
+        text = value if isinstance(value, str) else json.dumps(value)  # JSON for `true` and `false`
+        assigned.append(f"{name}={text}")
+    return " ".join(assigned) or "default"
 
 
 def run(options: argparse.Namespace) -> None:
@@ -127,7 +132,7 @@ def run(options: argparse.Namespace) -> None:
         for codec in options.codecs:
             row = {"codec": codec, "version": load_codec(codec).version, "surface": surface}
             row |= {"steps": options.steps, "size": options.size}
-            for seed, change in ((seed, change) for seed in options.seeds for change in trials(codec)):
+            for seed, change in itertools.product(options.seeds, trials(codec)):
                 trial = row | {"seed": seed, "change": change}
                 if key(trial) in done:
                     continue
@@ -143,7 +148,9 @@ def run(options: argparse.Namespace) -> None:
 def table(rows: list[dict[str, Any]]) -> str:
     """What each change gains over the default of the same surface, seed, size and steps, as Markdown."""
     scored = {key(row): row for row in rows if "error" not in row}
-    gains: dict[tuple[str, str, str], dict[str, list[tuple[float, float]]]] = {}  # of each change, by surface
+    # By the first three cells of a line, then by surface: of each fit the gain in dB, and the logarithm of the ratio
+    # of bytes.
+    gains: dict[tuple[str, str, str], dict[str, list[tuple[float, float]]]] = {}
     for row in scored.values():
         default = scored.get(key(row | {"change": {}}))
         if default:

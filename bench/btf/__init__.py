@@ -363,16 +363,20 @@ class BTF:
         """The slice (H, W, 3) of a pair, or those of a range of pairs, (n, H, W, 3)."""
         if isinstance(pair, slice):
             chosen = np.arange(len(self))[pair]
-            return np.array(list(self.subset(chosen)), np.float32).reshape(len(chosen), *self.shape, 3)
+            return np.array(list(self._slices(chosen)), np.float32).reshape(len(chosen), *self.shape, 3)
         return finite(self.source.slice(int(self.pairs[pair])), f"{self.name}: pair {pair}")
 
     def __iter__(self) -> Iterator[Array]:
-        """The slices (H, W, 3) of all pairs in order, read `at_once` together. `InputError` for values that are not
-        finite."""
-        for start in range(0, len(self), self.source.at_once):
-            pictures = self.source.slices(self.pairs[start : start + self.source.at_once])
-            for i, picture in enumerate(pictures):
-                yield finite(picture, f"{self.name}: pair {start + i}")
+        """The slices (H, W, 3) of all pairs in order."""
+        return self._slices(np.arange(len(self)))
+
+    def _slices(self, chosen: Array) -> Iterator[Array]:
+        """The slices (H, W, 3) float32 of the pairs of some indices (n,), in that order; as many are read together as
+        is best for the source."""
+        for start in range(0, len(chosen), self.source.at_once):
+            together = chosen[start : start + self.source.at_once]
+            for pair, picture in zip(together, self.source.slices(self.pairs[together]), strict=True):
+                yield finite(picture, f"{self.name}: pair {pair}")
 
     def texels(self, rows: ArrayLike, cols: ArrayLike) -> Array:
         """ABRDFs (n, N, 3) float32 of the n texels (rows[i], cols[i])."""
@@ -411,8 +415,8 @@ class BTF:
         train = self.split().train
         rest = self.without_test().split()  # its indices count the pairs of `train` alone
         # The pairs of `train` that the second split holds out are those that choose settings.
-        chosen_by = np.delete(train, rest.train)
-        return replace(self, validation=np.isin(np.arange(len(self)), chosen_by))
+        choosing = np.delete(train, rest.train)
+        return replace(self, validation=np.isin(np.arange(len(self)), choosing))
 
     def downsample(self, factor: int) -> "BTF":
         """The BTF box-filtered over factor × factor texels, in linear light. Rows and columns at the end that do not
@@ -469,11 +473,11 @@ class BTF:
         groups if `holdout` is 0. `InputError` if it leaves no pair to train on.
         """
         everything = np.arange(len(self))
-        chosen_by = np.zeros(len(self), bool) if self.validation is None else self.validation
-        low = np.zeros(len(self), bool) if self.low_light is None else self.low_light
+        choosing = np.zeros(len(self), bool) if self.validation is None else self.validation
         if self.heldout is not None:
-            train = everything[~self.heldout & ~chosen_by & ~low]
-            return Split(train, {"heldout": everything[self.heldout]}, everything[chosen_by], everything[low])
+            low = np.zeros(len(self), bool) if self.low_light is None else self.low_light
+            train = everything[~self.heldout & ~choosing & ~low]
+            return Split(train, {"heldout": everything[self.heldout]}, everything[choosing], everything[low])
         rng = np.random.default_rng(seed)
         # Masks (N,) of the pairs whose view, or whose light, is held out.
         new_view = _heldout_directions(rng, len(self.layout.views), self.holdout)[self.layout.view]
@@ -489,9 +493,9 @@ class BTF:
             "new light": everything[~new_view & new_light],
             "both new": everything[new_view & new_light],
         }
-        train = everything[trained & ~chosen_by]
+        train = everything[trained & ~choosing]
         heldout = {name: pairs for name, pairs in groups.items() if len(pairs)}
-        return Split(train, heldout, everything[chosen_by])
+        return Split(train, heldout, everything[choosing])
 
 
 def _heldout_directions(rng: np.random.Generator, count: int, share: float) -> Array:
@@ -505,12 +509,19 @@ def _heldout_directions(rng: np.random.Generator, count: int, share: float) -> A
 
 
 def _distinct(directions: Array) -> tuple[Array, Array]:
-    """Distinct rows in the order of first appearance, and for each row the index of its distinct row."""
+    """Distinct directions (n, 3) in the order of first appearance, and the index in them (N,) of each of (N, 3)."""
     rounded = np.round(directions, 6) + 0.0  # the sum makes 0 of −0
-    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # NumPy sorts the rows by value; this puts them in the order of their first places
-    rank = np.argsort(order)  # and this tells where each of NumPy's rows then stands
-    return _merged(directions[first[order]], rank[inverse.reshape(-1)])
+    first, index = _first_places(rounded)
+    return _merged(directions[first], index)
+
+
+def _first_places(values: Array) -> tuple[Array, Array]:
+    """Where each distinct value, or row, of an array first stands, in ascending order (n,); and for each value (N,),
+    which of these n it equals."""
+    _, first, inverse = np.unique(values, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # NumPy sorts by value; this puts the first places in ascending order
+    rank = np.argsort(order)  # and this tells where each of NumPy's values then stands
+    return first[order], rank[inverse.reshape(-1)]
 
 
 def _merged(distinct: Array, index: Array) -> tuple[Array, Array]:
@@ -528,7 +539,5 @@ def _merged(distinct: Array, index: Array) -> tuple[Array, Array]:
     ones = np.ones(len(near), bool)
     graph = coo_array((ones, (near[:, 0], near[:, 1])), shape=(len(distinct), len(distinct)))
     _, group = connected_components(graph, directed=False)  # of each row
-    _, first, merged = np.unique(group, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.argsort(order)
-    return distinct[first[order]], rank[merged.reshape(-1)][index]
+    first, merged = _first_places(group)
+    return distinct[first], merged[index]

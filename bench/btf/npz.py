@@ -10,7 +10,10 @@ from bench.btf import BTF
 
 
 def write_npz(btf: BTF, path: str | Path) -> None:
-    """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so memory stays small."""
+    """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so memory stays small.
+
+    Of the masks it has `heldout` alone: a reader takes validation pairs and those of low light for training pairs.
+    """
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
         with archive.open("radiance.npy", "w", force_zip64=True) as stream:
             # "<f4" is little-endian float32.

@@ -21,14 +21,16 @@ DIM = 0.01  # of measurements with values around 1, at most 0.0004 of the values
 
 
 def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int]) -> Array:
-    """The copy at `path` of `count` slices (H, W, 3) that `read` gives, memory-mapped; made where it is not there."""
+    """The copy (blocks, H · W, pairs of a block, 3) at `path`, memory-mapped, in float16 or float32.
+
+    Where it is not there, it is made of the slices (H, W, 3) that `read` gives for 0 to `count` - 1; `shape` is (H, W).
+    """
     if not path.exists():
         with atomic.locked(path):  # else each of a dozen workers would write its own, of many gigabytes
             if not path.exists():  # no other process has made it while this one waited
                 with atomic.replacing(path) as partial:
-                    for dtype in (np.float16, np.float32):  # halves, or floats if halves lose too much
-                        if _write_copy(path, partial, read, count, shape, dtype):
-                            break
+                    if not _write_copy(path, partial, read, count, shape, np.float16):
+                        _write_copy(path, partial, read, count, shape, np.float32)  # halves would lose too much
     copy: Array = np.load(path, mmap_mode="r", allow_pickle=False)
     return copy
 

@@ -41,9 +41,9 @@ EVERYDAY = """  neubtf-bench run quick                                 eleven co
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.inputs.errors`.
 
-    Without arguments it is the program itself, whose words are those of the shell. If a codec then left threads
-    running, the process ends without waiting for them. A character that the terminal's encoding
-    lacks is printed as `?`.
+    Without `argv` it is the program itself, and takes the words of the command line. If a codec then left threads
+    running, the process ends without waiting for them. A character that the terminal's encoding lacks is printed as
+    `?`.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):  # stderr replaces such characters by itself
         sys.stdout.reconfigure(errors="replace")
@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     code = _run(words)
     if argv is not None:
         return code
-    if "torch" not in sys.modules:  # with which come libraries that check, at the end, whether all is freed
+    if "torch" not in sys.modules:  # libraries that come with PyTorch check, at the end, whether all is freed
         gc.freeze()  # else Python looks for garbage among all objects as it ends: a seventh of a table's time
     running = _threads_left()
     if running:
@@ -71,7 +71,7 @@ def _threads_left() -> list[str]:
 def _run(words: list[str]) -> int:
     """Run one command, and turn exceptions into exit codes and lines for people."""
     if "OMP_WAIT_POLICY" not in os.environ:
-        # PyTorch's idle threads spin before they sleep, for 0.2 ms instead of 8: Dr.Jit's threads need the cores.
+        # Idle threads of PyTorch spin for 8 ms before they sleep. Let it be 0.2 ms: Dr.Jit's threads need the cores.
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")
     try:
         # Schedulers send SIGTERM: keep finished work, as after Ctrl-C.
@@ -110,17 +110,18 @@ _WRITTEN = ("out", "json", "markdown", "junit", "picture", "copy")
 
 def _refuse_overwriting(options: argparse.Namespace) -> None:
     """Raise an `InputError` if a file to write is one of the files to read: a measurement would be lost."""
+    inputs: list[str | os.PathLike[str]] = []  # all words that may be files or folders to read
+    for name, value in vars(options).items():
+        if name not in _WRITTEN:
+            words = value if isinstance(value, list) else [value]
+            inputs += [word for word in words if isinstance(word, str | os.PathLike)]
     for written in _WRITTEN:
         out = getattr(options, written, None)
         if out is None or not os.path.isfile(out):
             continue
-        for name, value in vars(options).items():
-            words = value if isinstance(value, list) else [value]
-            for word in words:
-                may_be_input = name not in _WRITTEN and isinstance(word, str | os.PathLike)
-                if may_be_input and (_same_file(word, out) or _is_read_in(word, out)):
-                    remedy = f"give --{written} another name"
-                    raise InputError(f"{out}: this file is read, so it cannot be written, too: {remedy}")
+        if any(_same_file(word, out) or _is_read_in(word, out) for word in inputs):
+            remedy = f"give --{written} another name"
+            raise InputError(f"{out}: this file is read, so it cannot be written, too: {remedy}")
 
 
 def _same_file(given: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
@@ -193,21 +194,26 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
         raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
     listing = top.add_subparsers(prog="neubtf-bench", required=True, metavar="COMMAND", help=hidden)
     for name, module in known.items():
-        if name not in wanted:
+        if name in wanted:
+            _add_command(listing, name, module)
+        else:
             listing.add_parser(name)
-            continue
-        loaded = importlib.import_module(module)
-        text, _, examples = (loaded.__doc__ or "").partition(EXAMPLES)
-        wrapped = [textwrap.fill(paragraph, WIDTH) for paragraph in text.split("\n\n")]
-        command = listing.add_parser(
-            name,
-            help=text.split("\n")[0],
-            description="\n\n".join(wrapped),
-            epilog=f"examples:\n{examples}" if examples else None,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        loaded.arguments(command)
-        command.add_argument(DEBUG, action="store_true", help="show the traceback of an error, too")
-        ours = module.startswith(f"{commands.__name__}.")
-        command.set_defaults(command=loaded.run if ours else partial(_of_package, loaded.run))
     return top
+
+
+def _add_command(listing: Any, name: str, module: str) -> None:
+    """Import the module of a command, and add the parser of its options to `listing`, argparse's list of commands."""
+    loaded = importlib.import_module(module)
+    text, _, examples = (loaded.__doc__ or "").partition(EXAMPLES)
+    wrapped = [textwrap.fill(paragraph, WIDTH) for paragraph in text.split("\n\n")]
+    command = listing.add_parser(
+        name,
+        help=text.split("\n")[0],
+        description="\n\n".join(wrapped),
+        epilog=f"examples:\n{examples}" if examples else None,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    loaded.arguments(command)
+    command.add_argument(DEBUG, action="store_true", help="show the traceback of an error, too")
+    ours = module.startswith(f"{commands.__name__}.")
+    command.set_defaults(command=loaded.run if ours else partial(_of_package, loaded.run))

@@ -23,7 +23,10 @@ def from_degrees(theta_deg: ArrayLike, phi_deg: ArrayLike) -> Array:
 
 
 def to_degrees(directions: ArrayLike) -> tuple[Array, Array]:
-    """θ in [0, 180] and φ in [0, 360) in degrees, float64, of unit vectors (..., 3)."""
+    """θ from 0 to 180 and φ from 0 to 360 in degrees, float64 (...), of unit vectors (..., 3).
+
+    φ is 360 only where it is less than a rounding error below 0.
+    """
     x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
     return np.degrees(np.arctan2(np.hypot(x, y), z)), np.degrees(np.arctan2(y, x)) % 360.0
 

@@ -46,7 +46,7 @@ class Hemisphere(nn.Module):
     """Barycentric weights over the sampled directions (m, 3) of one side; call it with queries (n, 3)."""
 
     def __init__(self, directions: np.ndarray):
-        """Triangulate directions (n, 3) in the stereographic plane, unless they span no triangle."""
+        """Triangulate directions (m, 3) in the stereographic plane, unless they span no triangle."""
         super().__init__()
         points = stereographic(torch.as_tensor(directions, dtype=torch.float64))
         self.register_buffer("points", points.float())
@@ -274,14 +274,16 @@ class PairInterpolator(nn.Module):
         return nearest, index
 
     def outside(self, wo: Tensor, wi: Tensor) -> Tensor:
-        """Mask (n,) of queries whose view or light lies outside the hull of the samples; all False if scattered."""
-        if not self.product:
-            return torch.zeros(len(wo), dtype=torch.bool, device=wo.device)
-        sides = ((self.views, wo), (self.lights, wi))
-        masks = [side.outside(queries) for side, queries in sides if not side.flat]
-        if not masks:
-            return torch.zeros(len(wo)).bool()
-        return torch.stack(masks).any(0)
+        """Mask (n,) of the queries wo, wi (n, 3) whose view or light lies outside the hull of its side.
+
+        A side that spans no triangle has no hull, and nothing is outside of it; nor is anything of scattered pairs.
+        """
+        outside = torch.zeros(len(wo), dtype=torch.bool, device=wo.device)
+        if self.product:
+            for side, queries in ((self.views, wo), (self.lights, wi)):
+                if not side.flat:
+                    outside = outside | side.outside(queries)
+        return outside
 
 
 def pack_layout(layout: Layout) -> dict[str, Tensor]:
@@ -293,7 +295,9 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
     pairs = np.stack([layout.view, layout.light], 1)
     views_fastest = _views_fastest(layout)
     if views_fastest is not None and len(pairs) <= MOST_IMPLIED:
-        return sides | ({"views_fastest": torch.ones(1, dtype=torch.uint8)} if views_fastest else {})
+        if views_fastest:
+            sides["views_fastest"] = torch.ones(1, dtype=torch.uint8)
+        return sides
     most = max(len(layout.views), len(layout.lights))
     if most <= 256:
         dtype = torch.uint8
@@ -338,11 +342,8 @@ def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     table to fit. Raises `KeyError` if a tensor is missing, `ValueError` if one is invalid or does not fit the table."""
     views = parts["views"].float().numpy()
     lights = parts["lights"].float().numpy()
-    for side in (views, lights):
-        # Bounded first, so that the squares of a norm cannot overflow.
-        bounded = side.shape[1:] == (3,) and len(side) and side.min() >= -1 - UNIT and side.max() <= 1 + UNIT
-        if not bounded or not (np.abs(np.linalg.norm(side, axis=1) - 1) < UNIT).all() or side[:, 2].min() < -UNIT:
-            raise ValueError("its directions are not unit vectors of the upper hemisphere")
+    if not (_are_directions(views) and _are_directions(lights)):
+        raise ValueError("its directions are not unit vectors of the upper hemisphere")
     if "pairs" in parts:
         pairs = parts["pairs"].long().numpy()
         low, high = pairs.min(0, initial=0), pairs.max(0, initial=0)
@@ -353,3 +354,15 @@ def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     if not sound or len(pairs) == 0 or rows not in (None, len(pairs)):
         raise ValueError("its pairs are not those of its table and directions")
     return Layout(views, lights, pairs[:, 0], pairs[:, 1])
+
+
+def _are_directions(side: np.ndarray) -> bool:
+    """Whether an array holds at least one direction (m, 3), all of them unit vectors of the upper hemisphere, within
+    `UNIT`."""
+    if side.shape[1:] != (3,) or not len(side):
+        return False
+    # Bounded first, so that the squares of a norm cannot overflow.
+    if not (side.min() >= -1 - UNIT and side.max() <= 1 + UNIT):  # also if one is NaN
+        return False
+    lengths = np.linalg.norm(side, axis=1)
+    return bool((np.abs(lengths - 1) < UNIT).all() and side[:, 2].min() >= -UNIT)

@@ -72,7 +72,7 @@ class ZipFiles:
         return name in self.entries
 
     def beside(self, name: str) -> list[str]:
-        """The names of all entries."""
+        """The names of all entries, of every folder; so those beside the entry `name` are among them."""
         return list(self.entries)
 
     def size(self, name: str) -> int:
@@ -82,24 +82,11 @@ class ZipFiles:
     def _located(self, name: str) -> tuple[zipfile.ZipInfo, int]:
         """The entry and the offset of its bytes in the archive.
 
-        `InputError` if it is encrypted, of another compression than deflate, claims too many bytes, or is damaged.
+        `InputError` if it is damaged, or if `_require_readable` refuses it.
         """
         entry = self.entries[name]
         label = self.label(name)
-        if entry.flag_bits & 1:  # the lowest bit says so
-            raise InputError(f"{label}: it is encrypted: extract it with its password first")
-        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it with deflate")
-        # Deflate cannot exceed 1032 : 1, so a larger claim is false, and a large entry near it is a bomb. Uncompressed
-        # entries cannot be bombs; they are memory-mapped.
-        if entry.compress_type == zipfile.ZIP_STORED:
-            limit = entry.compress_size
-        else:
-            plausible = max(LEAST, RATIO * entry.compress_size)
-            possible = 1032 * entry.compress_size + 64
-            limit = min(MAX_FILE, plausible, possible)
-        if entry.file_size > limit:
-            raise InputError(f"{label}: it claims {entry.file_size} bytes from {entry.compress_size}, far too many")
+        _require_readable(entry, label)
         with readable(label), open(self.path, "rb") as stream:
             stream.seek(entry.header_offset)
             local = stream.read(_LOCAL_HEADER)
@@ -149,6 +136,25 @@ class ZipFiles:
         """Hex digest of entries: their names, sizes and checksums, which the archive's directory holds."""
         directory = [(name, self.entries[name].file_size, self.entries[name].CRC) for name in names]
         return hashlib.sha256(repr(directory).encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def _require_readable(entry: zipfile.ZipInfo, label: str) -> None:
+    """Raise an `InputError` if an entry is encrypted, of another compression than deflate, or claims too many bytes."""
+    if entry.flag_bits & 1:  # the lowest bit says so
+        raise InputError(f"{label}: it is encrypted: extract it with its password first")
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it with deflate")
+    # Deflate cannot exceed 1032 : 1, so a larger claim is false, and a large entry near it is a bomb. Uncompressed
+    # entries cannot be bombs; they are memory-mapped.
+    if entry.compress_type == zipfile.ZIP_STORED:
+        limit = entry.compress_size
+    else:
+        plausible = max(LEAST, RATIO * entry.compress_size)
+        possible = 1032 * entry.compress_size + 64
+        limit = min(MAX_FILE, plausible, possible)
+    if entry.file_size > limit:
+        claim = f"it claims {entry.file_size} bytes from {entry.compress_size}, far too many"
+        raise InputError(f"{label}: {claim}: zip it again without compression")
 
 
 def _expanded(packed: bytes, count: int) -> bytes:

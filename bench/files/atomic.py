@@ -48,7 +48,7 @@ def refuse_other_kind(path: Path, ending: str, is_of_kind: Callable[[Path], bool
 
 
 def begins(start: bytes) -> Callable[[Path], bool]:
-    """Whether a file begins with these bytes, for `refuse_other_kind`."""
+    """A test for `refuse_other_kind`: whether a file begins with these bytes."""
 
     def does(path: Path) -> bool:
         with open(path, "rb") as file:

@@ -4,7 +4,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from bench.btf import BTF, ArraySource, Layout, Source
+from bench.btf import BTF, ArraySource, Layout, NotFiniteError, Source
 from bench.directions.hemisphere import from_degrees, thin, ubo2003, uniform
 from bench.inputs.errors import InputError
 
@@ -60,6 +60,14 @@ def test_finite_values_beyond_float32_are_refused_as_such_however_they_are_read(
         with pytest.raises(InputError, match="beyond float32"):
             read()
     assert np.array_equal(source.slice(2), np.ones((2, 2, 3), np.float32))
+
+
+def test_an_error_names_the_pair_by_its_index_also_in_a_range_of_pairs():
+    btf, values = product()
+    values[5, 1, 2, 0] = np.nan
+    for read in (lambda: btf[5], lambda: btf[3:9], lambda: list(btf)):
+        with pytest.raises(NotFiniteError, match="test: pair 5: 1 of 72 values"):
+            read()
 
 
 def test_a_subset_reads_only_its_own_pairs():

@@ -70,7 +70,7 @@ def grouped(known: dict[str, str]) -> str:
 def assignments(words: list[str], option: str = "--set", form: str = "KEY=VALUE") -> dict[str, str]:
     """The words `KEY=VALUE` that an option was given, as a dictionary; `form` is how errors write the words.
 
-    `InputError` for a word without a key or a value, and for a key that is given twice.
+    The value may be empty. `InputError` for a word without a key or without `=`, and for a key that is given twice.
     """
     value_of_key: dict[str, str] = {}
     for word in words:

@@ -15,11 +15,12 @@ from bench.cli.console import Console
 from bench.compare.reference import published
 from bench.files.atomic import make_folder
 from bench.inputs.errors import FINE, NO, NOTHING, InputError, did_you_mean, visible
-from bench.records import FILE, load_run
+from bench.records import FILE, Run, load_run
 from bench.runs.archive import AGREES, DIFFERS, jobs_with_results, pack, unpack, verify
 
 
 def pack_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `results pack` to its parser."""
     parser.add_argument("run", type=Path, help="the folder of a run")
     several(parser, "--codec", "only this codec; repeatable")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="the .zip file to write")
@@ -32,25 +33,34 @@ def pack_run(options: argparse.Namespace) -> int:
     run = jobs_with_results(load_run(options.run), options.codec)
     pack(run, published(run, once=False), options.out)
     say_line(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
-    # The text to send with it: what it holds, and how to check it.
-    with open(options.out, "rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    keys = {(job["codec"], job["fit_key"]["version"], job["fit_key"]["code"][:12]) for job in run.jobs}
-    materials = ", ".join(dict.fromkeys(job["material"] for job in run.jobs))
-    suites = ", ".join(dict.fromkeys(str(start.get("suite")) for start in run.starts))
-    lines = ["", "To hand it in, send it with this text:", ""]
-    lines += [f"Results for the board: {options.out.name}, {len(run.jobs)} jobs of the suite {suites}"]
-    lines += [f"sha256 {digest}", "", "Codecs:"]
-    lines += [f"- {name} version {version}, code {code}" for name, version, code in sorted(keys)]
-    lines += [f"Materials: {materials}", "", "Install the codec with: (command, or “comes with the suite”)"]
-    lines += [f"Verify with: neubtf-bench results verify {shlex.quote(options.out.name)}"]
-    lines += ["Paper and code of the codec: (links)"]
-    for line in lines:
+    for line in ("", "To hand it in, send it with this text:", "", *_covering_text(run, options.out)):
         say_line(line)
     return FINE
 
 
+def _covering_text(run: Run, archive: Path) -> list[str]:
+    """The lines to send with the archive of a run: what it holds, how to check it, and what is left to fill in."""
+    with open(archive, "rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    keys = {(job["codec"], job["fit_key"]["version"], job["fit_key"]["code"][:12]) for job in run.jobs}
+    materials = ", ".join(dict.fromkeys(job["material"] for job in run.jobs))
+    suites = ", ".join(dict.fromkeys(str(start.get("suite")) for start in run.starts))
+    return [
+        f"Results for the board: {archive.name}, {len(run.jobs)} jobs of the suite {suites}",
+        f"sha256 {digest}",
+        "",
+        "Codecs:",
+        *(f"- {name} version {version}, code {code}" for name, version, code in sorted(keys)),
+        f"Materials: {materials}",
+        "",
+        "Install the codec with: (command, or “comes with the suite”)",
+        f"Verify with: neubtf-bench results verify {shlex.quote(archive.name)}",
+        "Paper and code of the codec: (links)",
+    ]
+
+
 def verify_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `results verify` to its parser."""
     parser.add_argument("archive", type=Path, help="an archive of `results pack`")
     several(parser, "--material", "where the data of this material are here; repeatable", "NAME=PATH")
     parser.add_argument("--out", type=Path, help="the folder of the run to write (default: runs/NAME)")

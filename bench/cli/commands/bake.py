@@ -49,8 +49,8 @@ def run(options: argparse.Namespace) -> int:
         seconds = time.perf_counter() - start
     pairs = data.views * data.lights + data.heldout
     console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}, in {seconds:.0f} s")
-    if surface.full_shape > surface.shape:
-        texels = max(surface.full_shape)
+    texels = max(surface.full_shape)
+    if texels > max(surface.shape):
         times = (texels / max(surface.shape)) ** 2
         console.say(f"--size {texels} would keep all texels of the maps, and take {times:.0f} times as long")
     return FINE

@@ -14,6 +14,7 @@ from bench.inputs.errors import FINE, NO
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("codec")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting")
 

@@ -82,13 +82,7 @@ def run(options: argparse.Namespace) -> int:
 
     Returns `FINE`, `NO` if no setting meets them, or `FAILED` if nothing could be measured.
     """
-    most_bytes = parse_bytes(options, "max_bytes")
-    most_gpu_bytes = parse_bytes(options, "max_gpu_bytes")
-    wishes = Limits(size=most_bytes, time=options.max_ns, score=options.min_psnr, gpu=most_gpu_bytes)
-    if wishes == Limits():
-        raise InputError("choose: no wish is given: give --min-psnr, --max-bytes, --max-gpu-bytes or --max-ns")
-    if options.max_ns is not None and not options.max_ns > 0:
-        raise InputError(f"--max-ns {options.max_ns:g}: give a number above 0")
+    wishes = _wishes(options)
     if options.copy:
         container.refuse_other_file(options.copy)
     write_json = json_writer(options.json)
@@ -118,13 +112,9 @@ def run(options: argparse.Namespace) -> int:
     best = best_rung(rungs, wishes, TIE_DB)
     if best is None:
         nearest_rung = nearest(rungs, wishes)
-        nearest_row = nearest_rung.of
-        time = f" (up to {longest_ns(nearest_row):,.0f}, 95 % interval)" if wishes.time else ""
-        frames = _frames_in_words(nearest_rung, options)
-        say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(nearest_row)}{frames}{time}")
-        say_line(f"it misses {' and '.join(OPTION_OF[field] for field in wishes.missed(nearest_rung))}")
-        _say_other(folder, options, wishes)
-        write_json(_fields(folder, nearest_row) | {"missed": wishes.missed(nearest_rung)})
+        _say_nearest(material, nearest_rung, wishes, options)
+        _say_other(folder, suite, options, wishes)
+        write_json(_fields(folder, nearest_rung.of) | {"missed": wishes.missed(nearest_rung)})
         return NO
     say_line(f"{material}: {choice_in_words(best.of)}{_frames_in_words(best, options)}")
     fields = _fields(folder, best.of)
@@ -137,7 +127,27 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _frames_in_words(rung: "Rung", options: argparse.Namespace) -> str:
+def _wishes(options: argparse.Namespace) -> Limits:
+    """The limits that the options set; `InputError` if they set none, or one that no setting can meet."""
+    most_bytes = parse_bytes(options, "max_bytes")
+    most_gpu_bytes = parse_bytes(options, "max_gpu_bytes")
+    wishes = Limits(size=most_bytes, time=options.max_ns, score=options.min_psnr, gpu=most_gpu_bytes)
+    if wishes == Limits():
+        raise InputError("choose: no wish is given: give --min-psnr, --max-bytes, --max-gpu-bytes or --max-ns")
+    if options.max_ns is not None and not options.max_ns > 0:
+        raise InputError(f"--max-ns {options.max_ns:g}: give a number above 0")
+    return wishes
+
+
+def _say_nearest(material: str, rung: Rung, wishes: Limits, options: argparse.Namespace) -> None:
+    """Print that no setting meets the wishes, the nearest one, and which of them it misses."""
+    time = f" (up to {longest_ns(rung.of):,.0f}, 95 % interval)" if wishes.time else ""
+    frames = _frames_in_words(rung, options)
+    say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(rung.of)}{frames}{time}")
+    say_line(f"it misses {' and '.join(OPTION_OF[field] for field in wishes.missed(rung))}")
+
+
+def _frames_in_words(rung: Rung, options: argparse.Namespace) -> str:
     """The PSNR of a scene's frames, which chose, to follow the figures of a setting; "" without a scene."""
     return f", {rung.score:.2f} dB in the frames of {options.scene}" if options.scene else ""
 
@@ -159,12 +169,14 @@ def _fields(folder: Path, row: Timing) -> dict[str, Any]:
     }
 
 
-def _say_other(folder: Path, options: argparse.Namespace, wishes: Limits) -> None:
-    """Print the best measured setting of the suite's other codecs, if --codec leaves out one that meets the wishes."""
+def _say_other(folder: Path, suite: Suite, options: argparse.Namespace, wishes: Limits) -> None:
+    """Print the best measured setting of the other codecs, if `suite`, which --codec reduced, lacks one that meets the
+    wishes."""
     if not options.codec:
         return
     options = argparse.Namespace(**vars(options) | {"codec": []})
-    rungs, _ = _measured(folder, _suite(options), options)
+    whole = replace(_suite(options), demand=suite.demand)
+    rungs, _ = _measured(folder, whole, options)
     best = best_rung(rungs, wishes, TIE_DB)
     if best is not None:
         say_line(f"without --codec: {choice_in_words(best.of)}")
@@ -193,7 +205,10 @@ def _gpu_bytes(folder: Path, name: str) -> int | None:
 
 
 def _offer(folder: Path, row: Timing, copy: Path | None) -> None:
-    """Print where the chosen file is, and copy it with the network that it needs."""
+    """Print where the chosen file is, and copy it with the network that it needs; `copy` is None for no copy.
+
+    `InputError` if another file took its place, or if it is to be copied and is gone or damaged.
+    """
     job = load_run(folder).job(row["of"])
     if job is None or "file" not in job:
         return
@@ -216,7 +231,7 @@ def _offer(folder: Path, row: Timing, copy: Path | None) -> None:
     say_line(f"wrote {copy}")
 
 
-def _command(suite: "Suite", row: Timing, device: str) -> str:
+def _command(suite: Suite, row: Timing, device: str) -> str:
     """The command that makes the chosen file again, byte for byte; "" where only a run can make it."""
     spec = suite.materials[0]
     data = suite.data
@@ -253,7 +268,7 @@ def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
     return round(float(number) * {"": 1, "k": 1_000, "M": 1_000_000}[unit])
 
 
-def _suite(options: argparse.Namespace) -> "Suite":
+def _suite(options: argparse.Namespace) -> Suite:
     """The suite that the options name, for one material."""
     suite = with_changes(load_suite(options.suite), [options.material], options.codec, changes={})
     if options.steps is None:
@@ -264,24 +279,25 @@ def _suite(options: argparse.Namespace) -> "Suite":
         raise InputError(f"--steps {options.steps}: {error}") from error
 
 
-def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tuple[list["Rung"], list[str]]:
+def _measured(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[list[Rung], list[str]]:
     """The settings of the suite that were measured on the device for its material, and the labels of those not tried.
 
     With --max-gpu-bytes, each knows the bytes of its textures on a GPU.
     """
     codecs = {codec.codec for codec in suite.codecs}
     material = suite.materials[0].name
+    choices = load_run(folder).choices if (folder / FILE).exists() else []
     rows = []
-    for row in load_run(folder).choices if (folder / FILE).exists() else []:
+    for row in choices:
         of_material = (row["material"], row["device"]) == (material, options.device)
         if of_material and row.get("codec") in codecs:
             rows.append(row)
-    # A setting that failed is not tried again.
-    tried = {row["label"] for row in rows if "validation" in row or "error" in row}
+    failed = {row["label"] for row in rows if "error" in row}  # these are not tried again
+    tried = failed | {row["label"] for row in rows if "validation" in row}
     rungs = usable_rungs(rows, material)
     if options.scene:
         rungs = _by_frames(folder, rungs, load_demand(suite.demand).fingerprint)
-        tried &= {row["label"] for row in rows if "error" in row} | {rung.of["label"] for rung in rungs}
+        tried = failed | {rung.of["label"] for rung in rungs}
     if options.max_gpu_bytes:
         jobs = {rung.of["of"] for rung in rungs}
         gpu_bytes_of = {job: _gpu_bytes(folder, job) for job in jobs}
@@ -289,7 +305,7 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
     return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
-def _by_frames(folder: Path, rungs: list["Rung"], demand: str) -> list["Rung"]:
+def _by_frames(folder: Path, rungs: list[Rung], demand: str) -> list[Rung]:
     """The rungs whose jobs were scored in a scene, by the fingerprint of its demand; their score is the PSNR of its
     frames."""
     found: list[Rung] = []
@@ -302,7 +318,7 @@ def _by_frames(folder: Path, rungs: list["Rung"], demand: str) -> list["Rung"]:
     return found
 
 
-def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing: list[str]) -> None:
+def _measure(folder: Path, suite: Suite, options: argparse.Namespace, missing: list[str]) -> None:
     """Run a trade over the suite, which fits only the missing settings that no earlier start has fitted."""
     fitted: list[str] = []  # by an earlier start that ended before it timed them
     if (folder / FILE).exists():

@@ -94,9 +94,10 @@ def run(options: argparse.Namespace) -> int:
 def _update(options: argparse.Namespace) -> int:
     """Write a reference again, and print what changed and what it cannot tell; returns the exit code."""
     of_verdicts = ("new", "material", "codec", "allow", "markdown", "junit", "tracker", "annotations")
-    given = [name for name in of_verdicts if getattr(options, name)]
+    given = ["NEW" if name == "new" else f"--{name}" for name in of_verdicts if getattr(options, name)]
     if given:
-        raise InputError(f"--update: not with {', '.join(given)}: a reference is made from one whole run")
+        why = "a reference is made from one whole run"
+        raise InputError(f"--update: not with {', '.join(given)}, because {why}: leave it out")
     measured = load_run(options.base)
     if not all("run" in start for start in measured.starts):
         raise InputError(f"{options.base}: it is a reference, not a run: give the folder of a run")

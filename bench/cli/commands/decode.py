@@ -42,6 +42,8 @@ def run(options: argparse.Namespace) -> int:
         for name in ("directions", "count"):
             if getattr(options, name) is not None:
                 raise InputError(f"--{name}: not with --like or --maps: leave it out")
+    if options.like and options.maps:
+        raise InputError("--maps: not with --like: give only one of them")
     header, material, _ = load(options.file, usable_device(options.device))
     if options.maps:
         return _decode_maps(options, material, header.codec)
@@ -58,11 +60,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _decode_maps(options: argparse.Namespace, material: Material, codec: str) -> int:
-    """Write the maps of a material of svbrdf as pictures; returns the exit code."""
+    """Write the maps of a material of svbrdf as pictures; returns the exit code.
+
+    `InputError` if the material, of the codec named `codec`, has none.
+    """
     maps, factor = material.maps()
-    if options.like or not maps:
-        why = "not with --like" if options.like else f"{options.file} is of codec {codec}, which has no maps"
-        raise InputError(f"--maps: {why}")
+    if not maps:
+        raise InputError(f"--maps: {options.file} is of codec {codec}, which has no maps: leave it out")
     write_maps({f"{options.file.stem}_{name}": picture for name, picture in maps.items()}, options.out)
     say_line(f"{', '.join(maps)} in {options.out}; the radiance of the file is {factor:.6g} times what they reflect")
     return FINE

@@ -36,6 +36,7 @@ from reports.shaders.export import Vectors, export
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("file", type=Path, help="the codec file")
     kind = parser.add_mutually_exclusive_group()
     languages = ("glsl", "hlsl", "wgsl", "slang")

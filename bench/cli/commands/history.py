@@ -31,6 +31,7 @@ from reports import write_history
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs, or files of records (.jsonl)")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="write everything as FILE.csv or FILE.parquet")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw each codec over the revisions")
@@ -62,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _write(frame: "pd.DataFrame", path: Path) -> None:
+def _write(frame: pd.DataFrame, path: Path) -> None:
     """Write the frame as CSV if the path ends in .csv, else as Parquet."""
     needs = installed(f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv")
     with needs, writable(path, "choose another --out"), replacing(path) as partial:
@@ -72,7 +73,7 @@ def _write(frame: "pd.DataFrame", path: Path) -> None:
             frame.to_parquet(partial, engine="pyarrow", index=False)
 
 
-def _table(frame: "pd.DataFrame") -> str:
+def _table(frame: pd.DataFrame) -> str:
     """Means over seeds: a line for each start of a run in which a codec was measured."""
     frame = frame.assign(own=frame.get("fitted/codec"))
     keys = ["material", "label", "folder", "started", "git", "own"]
@@ -104,7 +105,7 @@ def _table(frame: "pd.DataFrame") -> str:
     return tabulate(rows, headers, "simple", colalign=aligned, disable_numparse=True)
 
 
-def _heldout(frame: "pd.DataFrame") -> "tuple[dict[str, pd.Series[float]], set[str]]":
+def _heldout(frame: pd.DataFrame) -> "tuple[dict[str, pd.Series[float]], set[str]]":
     """The scores of held-out pairs by the metric's label, and the labels of those in decibels.
 
     A label may stand for several variants of a metric; each job has a score of the variant that it measured.

@@ -21,6 +21,7 @@ from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("path", nargs="?", help="a codec file, a built-in material or the path of a BTF")
     what.add_argument("--cache", action="store_true", help="show the cache of rendered materials and scratch files")

@@ -14,6 +14,7 @@ from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     kinds = ["codecs", "materials", "suites", "metrics", "readers"]
     parser.add_argument("what", nargs="?", choices=kinds, help="only these")
     parser.add_argument("name", nargs="?", help="the name of a codec, to list its settings, defaults and limits")

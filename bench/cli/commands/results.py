@@ -39,7 +39,7 @@ from bench.compare.reference import published
 from bench.files.atomic import write
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
 from bench.records import FILE, load_together
-from reports import KINDS, WHY_EMPTY, table_text
+from reports import WHY_EMPTY, table_text
 
 _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
 
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("`results write --site DIR` is now `report docs/results RUN… --site DIR`")
     if not options.documents:
         raise InputError("results write: name a Markdown file")
-    stale = [path for path in options.documents if _written(path, options.action == "write")]
+    stale = [path for path in options.documents if _is_stale(path, options.action == "write")]
     if options.action == "check" and stale:
         names = " ".join(map(str, stale))
         say_line(f"tables differ from the records: {names}: `neubtf-bench results write {names}` mends them")
@@ -97,8 +97,9 @@ def _add(run: Path, file: Path) -> int:
     return FINE
 
 
-def _written(path: Path, writes: bool) -> bool:
-    """Make the tables of a document again, and store it if `writes`; returns whether it changed."""
+def _is_stale(path: Path, mends: bool) -> bool:
+    """Whether a table of a document differs from what its command makes now; with `mends` the document is then written
+    again."""
     with readable(str(path), "name a Markdown file"):
         text = path.read_text(encoding="utf-8")
     if not _BLOCK.search(text):
@@ -109,7 +110,7 @@ def _written(path: Path, writes: bool) -> bool:
         return block["start"] + _table(path, block["words"]) + block["end"]
 
     new = _BLOCK.sub(made_again, text)
-    if writes and new != text:
+    if mends and new != text:
         write(path, new.encode())
         say_line(f"wrote {path}")
     return new != text
@@ -127,18 +128,16 @@ def _table(path: Path, words: str) -> str:
         options, unknown = parser.parse_known_args(rest)
     except argparse.ArgumentError as error:
         raise InputError(f"{path}: `neubtf-bench {words}`: {error}") from error
-    kinds = [word for word in options.what if word in KINDS]
-    sources = [word for word in options.what if word not in KINDS]
+    kinds, sources = table.kinds_and_places(options.what)
     kind = kinds[0] if kinds else None
     format = options.format
     if command != "table" or len(kinds) > 1 or not sources or unknown or format not in ("text", "markdown"):
         raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
-    paths = [Path(source) for source in sources]
     choice = table.choice(options)
     if kind == "parameters":
-        text = table.parameters_table(paths, format, choice)
+        text = table.parameters_table(sources, format, choice)
     else:
-        text = table_text(paths, format, kind, choice, options.all)
+        text = table_text(sources, format, kind, choice, options.all)
     if kind and not text.strip():
         text = f"No such table yet: {WHY_EMPTY[kind]}"
     return f"{text}\n" if format == "markdown" else f"```\n{text}\n```\n"

@@ -110,7 +110,7 @@ def _timed_in_last_start(run: Run) -> bool:
     return any(timing.get("run") == last_start for timing in run.timings)
 
 
-def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
+def _workers(options: argparse.Namespace, threads: int) -> Seats | None:
     """The workers that run jobs with `threads` threads each, here or on Dask; None if the runner decides."""
     if options.resource and not options.scheduler:
         raise InputError("--resource: only for the workers of a Dask --scheduler: give it, or leave --resource out")

@@ -24,7 +24,6 @@ from bench.conformance.stress import CASES, Case, metrics
 from bench.conformance.stress import run as stress
 from bench.conformance.stress.case import subject_of
 from bench.conformance.stress.properties import data_hold, query_holds
-from bench.conformance.stress.run import chosen
 from bench.files.atomic import make_folder
 from bench.inputs.errors import FINE, NO, InputError, writable
 from bench.machine.threads import cores
@@ -90,7 +89,7 @@ def _again(options: argparse.Namespace) -> int:
     if data and (min(data[:4]) < 1 or max(data[2:4]) > 81):
         raise InputError(f"--data {options.data!r}: at least one texel and pair, at most 81 views and lights")
     failed = False
-    codecs, _ = chosen(options.codec, [])
+    codecs, _ = stress.chosen(options.codec, [])
     for name in codecs:
         with tempfile.TemporaryDirectory() as folder:
             subject = subject_of(load_codec(name), Path(folder))

@@ -52,9 +52,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the tables; returns `FINE`, or `NOTHING` if there is no such table."""
-    # The words are a kind of table, folders of runs, or both.
-    kinds = [word for word in options.what if word in KINDS]
-    folders = [Path(word) for word in options.what if word not in KINDS]
+    kinds, folders = kinds_and_places(options.what)
     chosen = choice(options)
     if not kinds and options.what:  # the first word may be a kind, misspelt
         word = options.what[0]
@@ -86,7 +84,14 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def choice(options: argparse.Namespace) -> "Choice | None":
+def kinds_and_places(words: list[str]) -> tuple[list[str], list[Path]]:
+    """The kinds of tables among the words of the command, and the other words: folders of runs or files of records."""
+    kinds = [word for word in words if word in KINDS]
+    places = [Path(word) for word in words if word not in KINDS]
+    return kinds, places
+
+
+def choice(options: argparse.Namespace) -> Choice | None:
     """The rows, columns and names that the options choose; None if they choose none."""
     if not (options.codec or options.material or options.against or options.column or options.name):
         return None
@@ -97,7 +102,7 @@ def choice(options: argparse.Namespace) -> "Choice | None":
     return Choice(options.codec, options.column, new_names(options.name), options.material, options.against)
 
 
-def parameters_table(folders: list[Path], format: str, choice: "Choice | None" = None) -> str:
+def parameters_table(folders: list[Path], format: str, choice: Choice | None = None) -> str:
     """The table of parameters: a row for every codec as published, and one for each job of the runs.
 
     Without folders it is of the newest run, if there is one. A job has the times of a sample that its run measured.
@@ -132,7 +137,7 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
     return parameters_text([*counted, *jobs], format, choice)
 
 
-def _paper(folders: list[Path], format: str, choice: "Choice | None", whole: bool) -> str:
+def _paper(folders: list[Path], format: str, choice: Choice | None, whole: bool) -> str:
     """The table of quality beside the paper's, and for each material that is not measured what is to be done.
 
     Without folders it is of runs/paper and runs/paper-nearest, as far as they are there.

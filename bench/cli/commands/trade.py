@@ -29,8 +29,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the suite, measure its choices and write the report; returns `FAILED` if a job failed, `NOTHING` if all
-    did."""
+    """Run the suite, measure its choices and write the report.
+
+    Returns `FINE`, `FAILED` if some jobs failed, or, without a report, `NOTHING` if none has a result.
+    """
     changes = assignments(options.set)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes)
     folder = options.out or Path("runs") / suite.name

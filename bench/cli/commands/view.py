@@ -86,7 +86,7 @@ def _psnr(file: Loaded, btf: BTF, show: Progress) -> float:
     return cast(float, stats_of({"scores": summary}, PSNR)["mean"])
 
 
-def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], str, bool]":
+def _drawn(file: Loaded, show: Progress) -> tuple[tuple[Program, float], str, bool]:
     """The program of a file's material with its exposure, a note for the reader of the page, and whether it has slices.
 
     If no shader can evaluate the material, the program interpolates slices that were decoded from it.

@@ -159,6 +159,11 @@ class TestPairs:
         assert pairs.outside(wo, wi).tolist() == [False, True, True, True]
         assert not scattered()[2].outside(wo, wi).any()
 
+    def test_nothing_is_outside_of_sides_without_a_triangle_on_the_device_of_the_queries(self) -> None:
+        pairs = PairInterpolator(Layout.of(*hemisphere.product(SETS["ubo2003"][:2], SETS["ubo2003"][:2])))
+        assert not pairs.outside(queries(9, seed=1), queries(9, seed=2)).any()
+        assert pairs.outside(queries(9, seed=1).to("meta"), queries(9, seed=2).to("meta")).is_meta
+
 
 class TestPackedLayout:
     views, lights = SETS["triangle"], SETS["thinned"][:5]

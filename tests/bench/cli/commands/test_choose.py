@@ -5,6 +5,7 @@ import shlex
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from bench.cli.commands.choose import parse_bytes
 from bench.codecs.container import read_header
 from bench.compare.choosing import TIE_DB, Limits, best_rung, choice_in_words, longest_ns, nearest, usable_rungs
 from bench.conformance.check import tiny_btf
+from bench.demand.demand import load as load_demand
 from bench.inputs.errors import InputError
 from bench.records import append, load_run
 from tests.bench.demand.scenes import SUN, camera, demand_of, surface
@@ -229,6 +231,26 @@ def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys)
     few = ["choose", "satin", "--max-bytes", "10", *own, "--codec", "neubtf-direct", "--steps", "20"]
     assert cli.main(few) == 1
     assert "misses --max-bytes" in capsys.readouterr().out
+
+
+def test_with_a_scene_the_best_of_the_other_codecs_is_shown_too(tmp_path, monkeypatch, capsys):
+    (tmp_path / "own.toml").write_text(OWN)
+    demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
+    fingerprint = load_demand(tmp_path / "scene.npz").fingerprint
+    jobs, choices = {}, []
+    for codec, size, psnr in (("pca", 500, 30.0), ("neubtf-direct", 50, 20.0)):
+        of = f"satin/{codec}/0"
+        jobs[of] = {"score_key": {"demand": fingerprint}, "scene": {"metrics": {"psnr_display": psnr}}}
+        choices.append(row(codec, psnr, size, 100.0, material="satin", codec=codec, of=of, device="cpu", settings={}))
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / "records.jsonl").touch()  # whose records are those of `run`
+    run = Mock(choices=choices, job=jobs.get)
+    monkeypatch.setattr("bench.cli.commands.choose.load_run", lambda _: run)
+    monkeypatch.setattr("bench.cli.commands.choose._measure", lambda *_: None)
+    words = ["choose", "satin", "--suite", str(tmp_path / "own.toml"), "--out", str(tmp_path / "r")]
+    words += ["--scene", str(tmp_path / "scene.npz"), "--codec", "neubtf-direct", "--min-psnr", "25"]
+    assert cli.main(words) == 1
+    assert "without --codec: pca" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
