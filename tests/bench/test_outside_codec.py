@@ -165,6 +165,13 @@ def test_new_files_of_ci_are_a_suite_and_a_workflow(tmp_path, capsys):
     assert cli.main(["new", "codec", "My Codec"]) == 2
 
 
+@pytest.mark.parametrize(("name", "class_name"), [("none", "None"), ("parts", "Parts")])
+def test_a_new_codec_needs_a_class_name_that_is_free(name, class_name, tmp_path, capsys):
+    assert cli.main(["new", "codec", name, "--out", str(tmp_path)]) == 2
+    assert f"new codec {name}: its class cannot be called {class_name}" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_page_has_the_signature_of_every_function_of_training():
     files = re.findall(r"^\| `(bench\.training\.\w+)` \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.M)
     places = [(training, vars(training))]

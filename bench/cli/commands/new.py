@@ -17,6 +17,7 @@ examples:
 """
 
 import argparse
+import keyword
 import re
 from importlib.resources import files
 from pathlib import Path
@@ -87,8 +88,14 @@ def run(options: argparse.Namespace) -> int:
     for path in places:
         if path.exists():
             raise InputError(f"{path}: it exists already: remove it, or choose another --out")
-    for path, template in places.items():
-        text = (files("bench.cli") / "templates" / f"{template}.txt").read_text("utf-8")
+    texts = {
+        path: (files("bench.cli") / "templates" / f"{each}.txt").read_text("utf-8") for path, each in places.items()
+    }
+    class_name = words["class_name"]
+    is_used = keyword.iskeyword(class_name) or any(re.search(rf"\b{class_name}\b", text) for text in texts.values())
+    if what == "codec" and is_used:
+        raise InputError(f"new codec {name}: its class cannot be called {class_name}, a word in use: choose another")
+    for path, text in texts.items():
         write_text(path, Template(text).substitute(words), "choose another --out")
     if what == "ci" and not (options.out / words["package"] / "pyproject.toml").exists():
         print(f"The workflow installs the codec from {words['package']}, which has no pyproject.toml yet.")

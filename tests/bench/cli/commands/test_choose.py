@@ -260,6 +260,7 @@ def test_with_a_scene_the_best_of_the_other_codecs_is_shown_too(tmp_path, monkey
         (["--steps", "-1"], "--steps -1: "),
         (["--jobs", "-1"], "--jobs -1: "),
         (["--max-ns", "0"], "--max-ns 0: "),
+        (["--min-psnr", "nan"], "--min-psnr nan: "),
     ],
 )
 def test_options_that_make_no_sense_are_bad_usage(words, message, tmp_path, capsys):
