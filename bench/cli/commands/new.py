@@ -92,8 +92,8 @@ def run(options: argparse.Namespace) -> int:
         path: (files("bench.cli") / "templates" / f"{each}.txt").read_text("utf-8") for path, each in places.items()
     }
     class_name = words["class_name"]
-    is_used = keyword.iskeyword(class_name) or any(re.search(rf"\b{class_name}\b", text) for text in texts.values())
-    if what == "codec" and is_used:
+    imported = re.findall(r"^(?:from .* )?import (.*)$", "\n".join(texts.values()), re.MULTILINE)
+    if what == "codec" and (keyword.iskeyword(class_name) or class_name in ", ".join(imported).split(", ")):
         raise InputError(f"new codec {name}: its class cannot be called {class_name}, a word in use: choose another")
     for path, text in texts.items():
         write_text(path, Template(text).substitute(words), "choose another --out")
