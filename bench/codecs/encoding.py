@@ -100,7 +100,8 @@ def fit_to_file(codec: Codec, btf: BTF, fit: Fit, path: Path, encode: Encode | N
 def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
     """The codec's own `encode` or another, which raises one error that names codec, BTF and line.
 
-    `EncodeError` if the codec raises any other error than an `InputError`, or tries to end the process.
+    `EncodeError` if the codec raises an error or tries to end the process. An `InputError`, an interruption, and an
+    `OSError` of a place that cannot be written or used (`unwritable`) are raised as they are.
     """
 
     def encode_naming_faults(btf: BTF, fit: Fit) -> Parts:
@@ -112,7 +113,7 @@ def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
         except (InputError, KeyboardInterrupt):
             raise
         except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
-            if isinstance(error, OSError) and unwritable(error):  # a full disk is not the codec's fault
+            if isinstance(error, OSError) and unwritable(error):  # a full disk is not its fault
                 raise
             raise EncodeError(
                 f"codec {codec.name} failed to encode {btf.name}: {error_in_words(error, codec)}"

@@ -216,7 +216,7 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
 def _times_of(
     run: Run, jobs: Sequence[Job], fused: Mapping[str, Timing], on_gpu: Mapping[str, Timing]
 ) -> dict[str, dict[str, float]]:
-    """The times of a query by kind and name of job, × floor: medians.
+    """By kind of time, then by name of job: the median time of a query, × floor.
 
     `fused` has the timings of fused decoders, by name of job; `on_gpu` is as in `values_of`.
 
@@ -224,10 +224,13 @@ def _times_of(
     """
     names = {job["job"] for job in jobs}
 
-    def medians(timing_of: Mapping[str, Timing]) -> dict[str, float]:
-        """The time of each of the jobs that has one, of timings by name of job."""
-        timed = {name: timing for name, timing in timing_of.items() if name in names and "ratio_to_floor" in timing}
-        return {name: float(timing["ratio_to_floor"]) for name, timing in timed.items()}
+    def over_floor(timing_of: Mapping[str, Timing]) -> dict[str, float]:
+        """The stored median of each of the jobs that was timed; `timing_of` has timings by name of job."""
+        times = {}
+        for name, timing in timing_of.items():
+            if name in names and "ratio_to_floor" in timing:
+                times[name] = float(timing["ratio_to_floor"])
+        return times
 
     of_settings = {}
     of_settings_on_gpu = {}
@@ -239,9 +242,9 @@ def _times_of(
             of_settings_on_gpu[job["job"]] = on_gpu[job["label"]]
     of_jobs = {timing["job"]: timing for timing in run.timings}
     return {
-        EAGER: medians(of_settings) or medians(of_jobs),
-        FUSED: medians(fused),
-        GPU: medians(of_settings_on_gpu),
+        EAGER: over_floor(of_settings) or over_floor(of_jobs),
+        FUSED: over_floor(fused),
+        GPU: over_floor(of_settings_on_gpu),
     }
 
 

@@ -20,7 +20,7 @@ from bench import records
 from bench.compare.comparison import check_whole
 from bench.compare.paired import decibels, packed
 from bench.compare.quantities import MAIN, deciding
-from bench.compare.verdicts import FEW_SEEDS, agree, same_pairs, smallest_loss
+from bench.compare.verdicts import FEW_SEEDS, is_random, same_pairs, smallest_loss
 from bench.files.atomic import write
 from bench.inputs.errors import InputError, writable
 from bench.metrics import metric_of, read_scores, stats_of
@@ -161,12 +161,11 @@ def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
         if name in with_own_pairs:
             continue
         quantities = deciding(jobs[0])
-        # The jobs stand for base, new and reference: do their own seeds agree?
-        seeds_agree = all(agree(quantity, jobs, jobs, jobs) for quantity in quantities if quantity.metric)
+        draws = is_random(quantities, jobs, jobs, jobs)  # the jobs stand for base, new and reference
         losses = {}
         for quantity in quantities:
             if quantity.name in (MAIN, "train"):
-                losses[quantity.name] = smallest_loss(quantity, jobs, count, draws=not seeds_agree)
+                losses[quantity.name] = smallest_loss(quantity, jobs, count, draws)
         losses_of_row[name] = losses
     return losses_of_row
 

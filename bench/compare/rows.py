@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from bench.compare.paired import interval_between_runs
 from bench.compare.quantities import MAIN, deciding, undeciding
-from bench.compare.verdicts import Change, Verdict, agree, judge, one_file, other_settings, why_fits_unlike, why_unlike
+from bench.compare.verdicts import Change, Verdict, is_random, judge, other_settings, why_fits_unlike, why_unlike
 from bench.records import CONDITIONS, Job, Run, Timing, by_row, grouped
 
 UNIT = "mean-colour"  # the label whose time is the unit of times
@@ -222,9 +222,7 @@ def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: li
     `ours` and `theirs` are the compared jobs of base and new, and `base` all jobs of the base's row.
     """
     quantities = deciding(base[0])
-    metrics = [quantity for quantity in quantities if quantity.metric]
-    # The codec is random if one score shows it, even where the seeds of another agree.
-    draws = not one_file(base) and not all(agree(quantity, ours, theirs, base) for quantity in metrics)
+    draws = is_random(quantities, ours, theirs, base)
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
         return []
@@ -257,13 +255,13 @@ def _verdict_on_unfinished(base: list[Job], after: list[Job], declared: set[int]
     if failed:
         which = "the job" if len(failed) == 1 else f"{len(failed)} jobs"
         return Verdict.FAILED, f"{which} failed: {_on_one_line(failed[0]['error'])}"
-    if not base:  # a new row
+    if not after:
+        return Verdict.GONE, ABSENT
+    if not base:  # new, or never finished in the base
         return None, ""
     missing = [job for job in after if job["status"] == "unavailable"]
     if missing:
         return Verdict.GONE, f"not available: {_on_one_line(missing[0]['error'])}"
-    if not after:
-        return Verdict.GONE, ABSENT
     expected = {job["seed"] for job in base} & declared
     gone = sorted(expected - {job["seed"] for job in after})
     if not gone:

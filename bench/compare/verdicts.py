@@ -197,6 +197,17 @@ def _difference(base: float | None, new: float | None) -> float | None:
     return new - base
 
 
+def is_random(
+    quantities: Sequence[Quantity], base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]
+) -> bool:
+    """Whether a codec's fits are random: one of the scores shows it, even where the seeds of another agree.
+
+    `base` and `new` are the compared jobs, `reference` all jobs of the base's row.
+    """
+    scores = [quantity for quantity in quantities if quantity.metric]
+    return not one_file(reference) and not all(agree(score, base, new, reference) for score in scores)
+
+
 def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]) -> bool:
     """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic.
 

@@ -25,9 +25,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command to its parser."""
     parser.add_argument("file", type=Path, help="a codec file of neubtf, with its encoder")
     parser.add_argument("--guidance", type=Path, required=True, metavar="PICTURE", help="a picture of the new texture")
-    parser.add_argument(
-        "--scale", type=float, default=1.0, help="shrink the picture first: level of detail (default: 1)"
-    )
+    help_of_scale = "factor on the picture's size, before all else: below 1, a coarser level of detail (default: 1)"
+    parser.add_argument("--scale", type=float, default=1.0, help=help_of_scale)
     parser.add_argument(
         "--make-tileable",
         type=float,

@@ -123,7 +123,7 @@ def _numbers(key: str, value: str, count: int) -> tuple[float, ...]:
 def read(data: bytes, label: str) -> Array:
     """The picture (H, W, 3) float32, upright for any axis order, divided by its exposure and correction of colours.
 
-    `ValueError` or `IndexError` if it is damaged.
+    `InputError` if its header states values that are not read, `ValueError` or `IndexError` if it is damaged.
     """
     stated = header(data, label)
     if stated is None:
@@ -132,8 +132,9 @@ def read(data: bytes, label: str) -> Array:
     exponents = rgbe[..., 3]
     # A mantissa m with exponent e is m · 2^(e − 136), as in rgbe.c and OpenCV, so black stays black; Ward's own reader
     # adds half a code to m. Of the 136, 128 make e signed, and 8 make m a fraction.
-    scale = np.ldexp(np.float32(1 / stated.exposure), exponents.astype(np.int32) - 136)
-    with np.errstate(over="ignore"):  # beyond float32 it is infinite, which a BTF refuses when it is read
+    # Beyond float32 it is infinite or no number, which a BTF refuses when it is read.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        scale = np.ldexp(np.float32(1 / stated.exposure), exponents.astype(np.int32) - 136)
         picture = rgbe[..., :3] * scale[..., None]
         picture /= np.asarray(stated.correction, np.float32)
     picture[exponents == 0] = 0  # black, whatever m is
