@@ -254,6 +254,12 @@ def test_an_empty_run_is_4_and_an_all_failed_one_3(make):
     assert compare(base, make.run("other", make.job(material="brick"))).exit_code == 4
 
 
+def test_a_row_that_never_finished_and_is_gone_is_not_new(make):
+    base = make.run("base", make.job(), make.unfinished("failed", "vq"))
+    comparison = compare(base, make.run("new", make.job()))
+    assert {row.label: row.verdict for row in comparison.rows}["vq"] == "GONE"
+
+
 def test_jobs_without_a_score_are_not_compared(make):
     job = make.job() | {"scores": {}, "footprints": {}, "metrics": {}}
     empty = make.run("empty", job)
