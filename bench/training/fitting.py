@@ -240,9 +240,8 @@ def better_start(make: Callable[[Fit], Objective], fit: Fit, steps: int) -> Fit:
         start = replace(fit, seed=seed)
         loop = _Loop(make(start).to(fit.device), replace(start, checkpoint=None, history=[]), steps)
         loop.advance(max(1, min(START_STEPS, steps // 4)))
-        if loop.step and not loop.curve:  # the first point of a long fit's curve comes later
-            loop.add_point()
-        found.append((loop.curve[-1][2] if loop.curve else -math.inf, start))  # without a point it diverged
+        # Without a point it diverged, or a fit above 6,250 steps has none yet: then its own seed goes on.
+        found.append((loop.curve[-1][2] if loop.curve else -math.inf, start))
     return max(found, key=lambda each: each[0])[1]
 
 
@@ -399,21 +398,17 @@ class _Loop:
         self.halvings = halvings
         log.warning("the fit diverged near step %d: back to step %d with half the learning rate", failed, self.step)
 
+    @torch.no_grad()
     def _measured(self) -> bool:
-        """Add a point to the curve, at about `POINTS` steps of the fit and at its end. False if the fit diverged."""
+        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end.
+
+        False if it diverged: dead rectifiers or arbitrary sine outputs can do so while every number is finite.
+        """
         last = 0  # step of the last point
         if self.curve:
             last, _, _ = self.curve[-1]
         if self.step < self.steps and self.step - last < self.steps / POINTS:
             return True
-        return self.add_point()
-
-    @torch.no_grad()
-    def add_point(self) -> bool:
-        """Add the PSNR at this step to the curve.
-
-        False if the fit diverged: dead rectifiers or arbitrary sine outputs can do so while every number is finite.
-        """
         progress = self.step / self.steps
         with self.objective.as_stored(progress):
             level = self.objective.predict(self.probe, progress)
