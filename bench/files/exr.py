@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.btf import Array
 from bench.inputs.errors import NO_PLACE
 
 
-def write_exr(path: Path, picture: Array) -> None:
+def write_exr(path: Path, picture: np.ndarray) -> None:
     """Write a picture (H, W, 3 or 4), its channels R, G, B and A, as it is: float16 or float32, without loss.
 
     `OSError` with the number of the system's error, or `EIO`, if it cannot be written.
