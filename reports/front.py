@@ -36,7 +36,6 @@ from reports.of_rungs import (
     unit_of,
     untimed,
     why_absent,
-    won_cell,
 )
 from reports.rungs import (
     BYTES,
@@ -51,7 +50,7 @@ from reports.rungs import (
 from reports.table import Note, Table
 from reports.values import Column, Row, written
 
-_LEAD = {"lead", "95 % interval", "ahead"}  # names of columns of the lead, which notes are about
+_LEAD = {"lead", "95 % interval"}  # names of columns of the lead, which notes are about
 _TOTAL = Column("total", "bytes", "total", 0)
 _TIED = 3  # codecs with the same number that a cell names
 _WITHIN = (
@@ -78,25 +77,19 @@ def front_table(run: Run) -> Iterator[Table]:
         name = f"{kind}, {len(surfaces)}"
         columns.append(Column(name, "dB ↑", kind, ranked=not leader, before=("≥", f"{kind} bound")))
     columns += [
-        Column("pooled", "dB ↑", "pooled"),
         Column("lead", "dB ↑", "median", signed=True, write=lead_cell),
         Column("95 % interval", "of the lead", "median", write=interval_cell),
-        Column("ahead", "on", "won", write=won_cell),
         Column("time", "× floor ↓", "time", -3),
     ]
     title = f"At {in_words(ENOUGH)}: test PSNR, medians over {', '.join(rungs.surfaces)}"
-    pooled = "Pooled: of the squared error of all slices of a surface together, median over all surfaces."
     lead = f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over all surfaces."
-    notes: list[str] = [Note((pooled, {"pooled"}.__contains__))]
-    notes += [Note((text, _LEAD.__contains__)) for text in (lead, *lead_notes(values))]
+    notes: list[str] = [Note((text, _LEAD.__contains__)) for text in (lead, *lead_notes(values))]
     for leader, names in absent.items():
         notes.append(f"No best is marked on {', '.join(names)} surfaces: {why_absent(leader)}.")
     if EAGER in rungs.times:
-        time = (
-            "Time: eager, of the files between which PSNR is read off, in the same shares; a median over the surfaces "
-            "where they were timed."
+        notes.append(
+            about_times("Time: eager, of the files that PSNR is read off, median over the surfaces with times.")
         )
-        notes.append(about_times(time))
     yield written("front", title, values, columns, [*notes, READ, *common_notes(run, rungs)])
 
 
@@ -112,7 +105,6 @@ def _front_values(rungs: Rungs) -> pd.DataFrame:
     for kind, found in readings.items():
         values[kind] = found["value"]
         values[f"{kind} bound"] = found["bound"]
-    values["pooled"] = median_over(rungs.read(ENOUGH.most, "pooled"))
     values = values.join(of_leads({line: rungs.lead(line) for line in lines}))
     values["single"] = [line not in rungs.hulls for line in lines]
     values["time"] = rungs.read(ENOUGH.most, EAGER).median(axis=1)

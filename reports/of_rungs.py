@@ -19,9 +19,8 @@ CODEC = Column("codec", "", "codec")
 METRICS = [Column("PSNR", "dB", "psnr", 2), Column("SSIM", "", "ssim", 3), Column("FLIP", "", "flip", 3)]
 CAP = f"A slice counts at most {MOST_DB} dB, an error of one step of an 8-bit display."
 READ = (
-    f"At a size: read off the curve of the rungs that validation pairs choose, test pairs (docs/metrics.md, “Curves”). "
-    f"{NONE}: a curve does not reach that size on each surface. ≥: fewer than three rungs, the best within that size. "
-    f"{CAP}"
+    f"At a size: test pairs, read off a codec's curve (docs/metrics.md, “Curves”). {NONE}: it does not reach that size "
+    f"on each surface. ≥: fewer than three rungs, the best within that size. {CAP}"
 )
 
 

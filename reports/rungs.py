@@ -40,8 +40,8 @@ LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
 LEAST_SURFACES = 10  # below which no lead is told apart
 DRAWS = 200  # draws of the seeds of each rung, of those that have several
 FOOTPRINTS = ("1", "2", "4", "8")  # texels a side of a pixel, as records name them
-# The scores of a rung at test pairs, by name of their column: family of the metric, and statistic over slices.
-_TEST = {"psnr": (PSNR, "mean"), "pooled": (PSNR, "pooled"), "ssim": (SSIM, "mean"), "flip": (FLIP, "mean")}
+# The family of metrics of a rung's scores at test pairs, means over slices, by name of their column.
+_TEST = {"psnr": PSNR, "ssim": SSIM, "flip": FLIP}
 _SCORES = ["validation", *_TEST, *FOOTPRINTS]
 _COSTS = ["total", "resident", EAGER, FUSED, FIT]
 
@@ -99,7 +99,7 @@ class Rungs:
 
     `frame` has a row a rung, numbered from 0: `line`, its `codec`, `label`, `setting`, `material`, `job` (of its first
     seed), `height` and `width` in texels, `bits` a texel and means over seeds: `total` bytes and those in memory,
-    `resident`; `validation` PSNR, scores at test pairs `psnr`, `pooled`, `ssim`, `flip`, PSNR by footprint `1` to `8`,
+    `resident`; `validation` PSNR, scores at test pairs `psnr`, `ssim`, `flip`, PSNR by footprint `1` to `8`,
     times `eager`, `fused` and `fit`; and `seeds`, the PSNR of each.
     """
 
@@ -432,8 +432,8 @@ def _values_of_jobs(frame: pd.DataFrame, jobs: Sequence[Job]) -> pd.DataFrame:
     values["total"] = [job["bytes"]["total"] for job in jobs]
     values["resident"] = _floats(job.get("resident") for job in jobs)
     values["validation"] = _floats(validation_of(job).get("mean") for job in jobs)
-    for name, (family, statistic) in _TEST.items():
-        values[name] = _floats(stats_of(job, family).get(statistic) for job in jobs)
+    for name, family in _TEST.items():
+        values[name] = _floats(stats_of(job, family).get("mean") for job in jobs)
     for side in FOOTPRINTS:
         values[side] = _floats(job.get("footprints", {}).get(side, {}).get("mean") for job in jobs)
     return values

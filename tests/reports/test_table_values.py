@@ -8,6 +8,7 @@ import reports
 from bench.inputs.errors import InputError
 from bench.records import load_run
 from reports.front import front_table
+from reports.numbers import significant
 from reports.tables import all_tables
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
@@ -19,10 +20,10 @@ def test_the_front_table_is_a_frame_of_floats_that_read_as_its_cells() -> None:
     (table,) = front_table(load_run(str(BUDGETS)))
     assert [*frame.columns] == [name for name, _ in table.headers]
     assert set(frame.dtypes.drop("codec").map(str)) == {"float64"}
-    for cells, numbers in zip(table.rows, frame["pooled"], strict=True):
-        cell = cells[[*frame.columns].index("pooled")]
-        assert cell == ("—" if numbers != numbers else f"{numbers:.1f}")
-    assert frame.attrs["units"]["pooled"] == "dB"
+    place = [*frame.columns].index("time")
+    for cells, number in zip(table.rows, frame["time"], strict=True):
+        assert cells[place] == ("—" if number != number else significant(number))
+    assert frame.attrs["units"]["lead"] == "dB"
     assert frame.attrs["directions"]["time"] == "lower"
     assert frame.attrs["notes"]
 
