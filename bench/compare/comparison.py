@@ -259,10 +259,10 @@ def _identity(job: Job) -> tuple[str, ...]:
 def check_whole(base: Run) -> None:
     """Raise `InputError` if a line of the base is damaged: nothing would be judged against it."""
     if base.unreadable:
-        raise InputError(
-            f"{base.folder}: line(s) {', '.join(map(str, base.unreadable))} cannot be read, so new results of their "
-            "jobs would not be judged: get the file again, or remove the lines if no job is lost"
-        )
+        lines = ", ".join(map(str, base.unreadable))
+        why = f"line(s) {lines} cannot be read, so new results of their jobs would not be judged"
+        remedy = "get the file again, or remove the lines if no job is lost"
+        raise InputError(f"{base.folder / base.file}: {why}: {remedy}")
 
 
 def check_names(what: str, names: Sequence[str], known: set[str]) -> None:

@@ -13,6 +13,7 @@ from bench.records.lines import (
     load_run,
     load_together,
     refuse_damaged,
+    run_so_far,
     view,
 )
 from bench.records.meaning import (

@@ -101,6 +101,7 @@ class Run:
     """A run's folder: the latest record of each job and timing; jobs in the order of their suite."""
 
     folder: Path
+    file: str = FILE  # with the records, in the folder
     starts: list[RunStart] = field(default_factory=list)
     jobs: Records[Job] = field(default_factory=Records)
     timings: Records[Timing] = field(default_factory=Records)
@@ -182,7 +183,7 @@ def load_run(folder: str | Path) -> Run:
         else:
             what = "no such folder"
         raise InputError(f"{folder}: {what}: give the folder that `neubtf-bench run` wrote, or a file of its records")
-    run = Run(path.parent)
+    run = Run(path.parent, path.name)
     try:
         with open(path, "rb") as file:
             # Line by line up to the end, where `readline` gives b"".
@@ -196,6 +197,11 @@ def load_run(folder: str | Path) -> Run:
         planned += start.get("jobs", [])
     run.jobs.arrange(planned)
     return run
+
+
+def run_so_far(folder: Path) -> Run:
+    """The records of a run's folder, as `load_run`; a run without any if nothing was recorded there yet."""
+    return load_run(folder) if (folder / FILE).exists() else Run(folder)
 
 
 def load_together(

@@ -33,7 +33,7 @@ from bench.inputs.errors import InputError
 from bench.machine.devices import is_gpu, watts
 from bench.machine.memory import forget_peak, peak_bytes
 from bench.material import Material
-from bench.records import Ceiling, Run, RunStart, Timing, load_run
+from bench.records import Ceiling, RunStart, Timing
 from bench.records.schema import setting_name
 from bench.runs import lock
 from bench.runs.setting_times import decoded_settings, new_run, start_of, surfaces_of
@@ -92,9 +92,7 @@ class _Measuring:
         self.clock = clock
         self.show = show
         self.found: list[Timing] = []
-        earlier = Run(folder)  # without records
-        if (folder / records.FILE).exists():
-            earlier = load_run(folder)
+        earlier = records.run_so_far(folder)
         gpu = timing.hardware(device).get("gpu")  # its name; None on a CPU
         on_device = [row for row in earlier.timings if row.get("device") == str(device) and row.get("gpu") == gpu]
         timed_before = {row["job"] for row in on_device}

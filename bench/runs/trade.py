@@ -34,7 +34,6 @@ from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
 from bench.records import (
     CONDITIONS,
-    FILE,
     FLIP,
     PSNR,
     VALIDATION,
@@ -45,6 +44,7 @@ from bench.records import (
     deciding_group,
     load_run,
     metrics_of,
+    run_so_far,
 )
 from bench.records.schema import trade_name
 from bench.runs import runner
@@ -83,9 +83,7 @@ def run_and_measure(
     states: list[str] = []
     folder = options.folder
     suite = canonical(suite)
-    before = Run(folder)  # without records
-    if (folder / FILE).exists():
-        before = load_run(folder)
+    before = run_so_far(folder)
     options = replace(options, then=_timing_in_words(suite, before, options.device, _timed_jobs(suite)))
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])

@@ -42,7 +42,7 @@ from bench.demand.demand import load as load_demand
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
 from bench.program.recording import program_of
-from bench.records import FILE, PSNR, Timing, counted, load_run, timed_on
+from bench.records import PSNR, Job, Run, Timing, counted, load_run, run_so_far, timed_on
 from bench.runs.runner import Options
 from bench.runs.suite import Suite, canonical, load_suite, with_changes
 from bench.runs.trade import run_and_measure
@@ -164,7 +164,7 @@ def _fields(folder: Path, row: Timing) -> dict[str, Any]:
         "precision": row["dtype"],
         "sha256": row["score_key"]["sha256"],
         "bytes": row["bytes"],
-        "gpu_bytes": _gpu_bytes(folder, row["of"]),
+        "gpu_bytes": _gpu_bytes(folder, job),
         "ns_per_sample": row["ns_per_sample"],
         "longest_ns": longest_ns(row),
         "psnr": {"validation": row["validation"]["mean"], "test": row["psnr"]},
@@ -192,9 +192,8 @@ def _say_cost(row: Timing, gpu_bytes: int | None) -> None:
     print(f"time: on {timed_on(row)}, {longest}; on a GPU: {on_a_gpu}")
 
 
-def _gpu_bytes(folder: Path, name: str) -> int | None:
+def _gpu_bytes(folder: Path, job: Job | None) -> int | None:
     """The bytes of a job's textures on a GPU, as `export` counts them; None if it cannot be exported."""
-    job = load_run(folder).job(name)
     if not job or "file" not in job:
         return None
     try:
@@ -289,9 +288,9 @@ def _measured(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[
     """
     codecs = {codec.codec for codec in suite.codecs}
     material = suite.materials[0].name
-    choices = load_run(folder).choices if (folder / FILE).exists() else []
+    run = run_so_far(folder)
     rows = []
-    for row in choices:
+    for row in run.choices:
         of_material = (row["material"], row["device"]) == (material, options.device)
         if of_material and row.get("codec") in codecs:
             rows.append(row)
@@ -299,22 +298,21 @@ def _measured(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[
     tried = failed | {row["label"] for row in rows if "validation" in row}
     rungs = usable_rungs(rows, material)
     if options.scene:
-        rungs = _by_frames(folder, rungs, load_demand(suite.demand).fingerprint)
+        rungs = _by_frames(run, rungs, load_demand(suite.demand).fingerprint)
         tried = failed | {rung.of["label"] for rung in rungs}
     if options.max_gpu_bytes:
         jobs = {rung.of["of"] for rung in rungs}
-        gpu_bytes_of = {job: _gpu_bytes(folder, job) for job in jobs}
+        gpu_bytes_of = {name: _gpu_bytes(folder, run.job(name)) for name in jobs}
         rungs = [replace(rung, gpu=gpu_bytes_of[rung.of["of"]]) for rung in rungs]
     return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
-def _by_frames(folder: Path, rungs: list[Rung], demand: str) -> list[Rung]:
+def _by_frames(run: Run, rungs: list[Rung], demand: str) -> list[Rung]:
     """The rungs whose jobs were scored in a scene, by the fingerprint of its demand; their score is the PSNR of its
     frames."""
     found: list[Rung] = []
-    run = load_run(folder) if rungs else None
     for rung in rungs:
-        job = run.job(rung.of["of"]) if run else None
+        job = run.job(rung.of["of"])
         if job and job["score_key"].get("demand") == demand:
             psnr = job["scene"]["metrics"].get(PSNR)
             found.append(replace(rung, score=counted(psnr)))
@@ -323,11 +321,10 @@ def _by_frames(folder: Path, rungs: list[Rung], demand: str) -> list[Rung]:
 
 def _measure(folder: Path, suite: Suite, options: argparse.Namespace, missing: list[str]) -> None:
     """Run a trade over the suite, which fits only the missing settings that no earlier start has fitted."""
-    fitted: list[str] = []  # by an earlier start that ended before it timed them
-    if (folder / FILE).exists():
-        run = load_run(folder)
-        names = [f"{suite.materials[0].name}/{label}/{suite.seeds[0]}" for label in missing]
-        fitted = [name for name in names if (run.job(name) or {}).get("status") == "ok"]
+    run = run_so_far(folder)
+    names = [f"{suite.materials[0].name}/{label}/{suite.seeds[0]}" for label in missing]
+    # By an earlier start that ended before it timed them.
+    fitted = [name for name in names if (run.job(name) or {}).get("status") == "ok"]
     count = f"{len(missing)} of {len(suite.codecs)} settings of {suite.name}"
     what = f"{len(missing) - len(fitted)} to fit and score, all to time"
     with Console() as console:

@@ -33,6 +33,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print what a codec file, a BTF or the cache holds, and draw a BTF if asked to; returns the exit code."""
+    if (options.cache or options.remove_cache) and (options.picture or options.json):
+        raise InputError("info: --picture and --json are of a codec file or a BTF: leave them out, or give its path")
     if options.remove_cache:
         count, size = clear_cache()
         say_line(f"removed {count} files, {size / 1e6:.1f} MB, from {cache_dir()}")

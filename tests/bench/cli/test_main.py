@@ -236,6 +236,12 @@ def test_an_interruption_and_a_termination_are_130_and_an_internal_error_70(ends
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+def test_options_of_a_material_are_refused_beside_the_cache(tmp_path, capsys):
+    for words in (["--cache", "--json", str(tmp_path / "a.json")], ["--remove-cache", "--picture", "a.png"]):
+        assert cli.main(["info", *words]) == 2
+        assert "--picture and --json" in capsys.readouterr().err
+
+
 def test_the_cache_is_shown_and_cleared(tmp_path, capsys):
     assert cli.main(["info", "--cache"]) == 0
     (tmp_path / "cache" / "scratch").mkdir(parents=True)

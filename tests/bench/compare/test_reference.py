@@ -143,7 +143,7 @@ def test_a_damaged_reference_is_not_updated(run, tmp_path, capsys):
     written(run, path)
     path.write_text(damaged := path.read_text()[:-40])
     assert cli.main(["compare", "--update", str(run.folder), "--out", str(path)]) == 2
-    assert "line(s) 11" in capsys.readouterr().err
+    assert f"{path}: line(s) 11" in capsys.readouterr().err
     assert path.read_text() == damaged
 
 

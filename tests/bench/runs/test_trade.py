@@ -491,8 +491,7 @@ def test_the_timing_that_follows_is_told_before_and_during_the_fits(tmp_path, mo
         job=lambda name: {"job": name} if name == "tiny/mean-colour/0" else None,
         timing=lambda job: {"ns_per_sample": 90_000.0},
     )
-    monkeypatch.setattr(trade, "load_run", lambda folder: earlier)
-    (tmp_path / "records.jsonl").touch()
+    monkeypatch.setattr(trade, "run_so_far", lambda folder: earlier)
     trade.run_and_measure(own, Options(tmp_path), print)
     # 60 turns of 65,536 samples: of one file at 90 µs in two precisions, of the other at 1 µs in one.
     assert round(65_536 * (2 * 90e-6 + 1e-6)) == 12

@@ -242,10 +242,9 @@ def test_with_a_scene_the_best_of_the_other_codecs_is_shown_too(tmp_path, monkey
         of = f"satin/{codec}/0"
         jobs[of] = {"score_key": {"demand": fingerprint}, "scene": {"metrics": {"psnr_display": psnr}}}
         choices.append(row(codec, psnr, size, 100.0, material="satin", codec=codec, of=of, device="cpu", settings={}))
-    (tmp_path / "r").mkdir()
-    (tmp_path / "r" / "records.jsonl").touch()  # whose records are those of `run`
     run = Mock(choices=choices, job=jobs.get)
-    monkeypatch.setattr("bench.cli.commands.choose.load_run", lambda _: run)
+    for name in ("load_run", "run_so_far"):
+        monkeypatch.setattr(f"bench.cli.commands.choose.{name}", lambda _: run)
     monkeypatch.setattr("bench.cli.commands.choose._measure", lambda *_: None)
     words = ["choose", "satin", "--suite", str(tmp_path / "own.toml"), "--out", str(tmp_path / "r")]
     words += ["--scene", str(tmp_path / "scene.npz"), "--codec", "neubtf-direct", "--min-psnr", "25"]
