@@ -23,7 +23,7 @@ from bench.records import FLIP, PSNR, SSIM, Job, Run, as_published, codec_of, gr
 from reports.numbers import EXACT, NONE, NOT_APPLICABLE, fixed, signed
 from reports.rows import MaterialRows
 from reports.rows import Row as MaterialRow
-from reports.table import Note, OfData, Table
+from reports.table import STALE, Note, OfData, Table, stale_note
 from reports.values import Column, Row, Stale, written
 
 NONE_YET = "none yet"  # a cell of ours for a material that could not be had
@@ -84,22 +84,29 @@ def paper_tables(
 def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
     """By metric the paper's numbers, ours and the differences of the means; a column for each of its materials.
 
-    Ours are over the fitted pairs, as means over seeds, of the label by the paper's recipe with the most steps: on the
-    material itself, or else on the nearest one. Without such a fit they are dashes, and a note says where to get the
-    material; `missing` says where by name of those that could not be had. `numbers` are rows of `_numbers`.
+    Ours are over the fitted pairs, as means over seeds, of the label by the paper's recipe with the most fitted pairs,
+    then the most steps: on the material itself, or else on the nearest one; of stale ones only without another. Without
+    such a fit they are dashes, and a note says where to get the material; `missing` says where by name of those that
+    could not be had. `numbers` are rows of `_numbers`.
     """
     fits = numbers[numbers["by_recipe"] & (numbers["status"] == "ok") & (numbers["group"] == "train")]
-    best_first = fits.sort_values(["itself", "steps"], ascending=False, kind="stable")
+    fits = fits.assign(fresh=fits["stale"] == "")
+    best_first = fits.sort_values(["itself", "fresh", "fitted", "steps"], ascending=False, kind="stable")
     chosen = best_first.drop_duplicates(["paper", "family"])  # the first of each
     ours = {(fit["paper"], fit["family"]): fit for fit in chosen.to_dict("records")}
     fits_of_psnr = {material: fit for (material, family), fit in ours.items() if family == PSNR}
     columns = [Column("metric", "", "codec")]
     for material in PUBLISHED:
         fit = fits_of_psnr.get(material)
-        below = OfData(fit["material"] if fit else NONE)
-        columns.append(Column(OfData(material), below, material, write=partial(_cell, material)))
+        below = NONE
+        if fit:
+            below = fit["material"] + (STALE if fit["stale"] else "")
+        columns.append(Column(OfData(material), OfData(below), material, write=partial(_cell, material)))
     values = pd.DataFrame(_short_rows(ours), dtype=object)
     notes = _short_notes(fits_of_psnr, missing)
+    reasons = dict.fromkeys(fit["stale"] for fit in fits_of_psnr.values() if fit["stale"])
+    if reasons:
+        notes.append(stale_note(reasons))
     return written("paper", "Table 1 of NeuBTF (2023), and ours", values, columns, notes)
 
 
@@ -108,11 +115,10 @@ def _short_rows(ours: Mapping[tuple[str, str], Mapping[Any, Any]]) -> list[dict[
 
     `ours` has by material of the paper and family the row of `_numbers` that is shown.
     """
-    stale = next((fit["stale"] for (_, family), fit in ours.items() if family == PSNR and fit["stale"]), "")
     rows: list[dict[str, Any]] = []
     for family, (name, unit, digits) in _METRICS.items():
-        printed: dict[str, Any] = {"codec": f"{name} {unit[-1]}, print", "digits": digits, "stale": ""}
-        own: dict[str, Any] = {"codec": f"{name} {unit[-1]}, ours", "digits": digits, "stale": stale}
+        printed: dict[str, Any] = {"codec": f"{name} {unit[-1]}, print", "digits": digits}
+        own: dict[str, Any] = {"codec": f"{name} {unit[-1]}, ours", "digits": digits}
         difference = own | {"codec": f"{name}, ours − print", "signed": True}
         for material, published in PUBLISHED.items():
             printed[material], printed[f"{material} ±"] = published[family]
@@ -120,7 +126,7 @@ def _short_rows(ours: Mapping[tuple[str, str], Mapping[Any, Any]]) -> list[dict[
             own[material], own[f"{material} ±"] = fit["mean"], fit["std"]
             difference[material] = fit["mean"] - printed[material]
         rows += [printed, own, difference]
-    rows.append({"codec": "LPIPS ↓", "stale": "", **dict.fromkeys(PUBLISHED, "not computed")})
+    rows.append({"codec": "LPIPS ↓", **dict.fromkeys(PUBLISHED, "not computed")})
     return rows
 
 
@@ -129,7 +135,7 @@ def _short_notes(fits: Mapping[str, Mapping[Any, Any]], missing: Mapping[str, st
     notes = ["Mean ± standard deviation over the slices of fitted pairs, because the paper fits what it scores."]
     fits_in_words = [_fit_in_words(fits[material]) for material in PUBLISHED if material in fits]
     if fits_in_words:
-        notes.append(f"Ours: {METHOD} {RECIPE}, the fit of most steps: {'; '.join(fits_in_words)}.")
+        notes.append(f"Ours: {METHOD} {RECIPE}: {'; '.join(fits_in_words)}.")
     notes.append(_UNLIKE)
     for material in PUBLISHED:
         if material in fits:
@@ -157,7 +163,7 @@ def _fit_in_words(fit: Mapping[Any, Any]) -> str:
     if fit["steps"] and not any(word.startswith("steps=") for word in settings):  # no label has a default
         settings.append(f"steps={fit['steps']}")
     seeds = f"{fit['seeds']} seed{'s' if fit['seeds'] > 1 else ''}"
-    words = [f"{fit['material']} {fit['size']}".strip(), *settings, seeds]
+    words = [f"{fit['material']} {fit['size']}".strip(), f"{fit['fitted']:,} pairs", *settings, seeds]
     if not isnan(fit["over_seeds"]):
         words.append(f"± {fixed(fit['over_seeds'], 2)} dB")
     return ", ".join(words)
@@ -171,7 +177,7 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
     nearest one has none. A note says of either where to get it. The arguments are as for `_short_table`.
     """
     rows: list[dict[str, Any]] = []
-    for _, of_row in numbers.groupby(["material", "label", "status", "group"], sort=False):
+    for _, of_row in numbers.groupby(["material", "label", "status", "fitted", "group"], sort=False):
         fits = of_row.to_dict("records")  # one for each family
         first = fits[0]
         if first["status"] != "ok" and first["group"] != "all":
@@ -218,7 +224,7 @@ def _starts(run: Run, suite: str) -> set[str | None]:
 
 
 def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
-    """What both tables show: a row for each material, label, status, group of pairs and family of metrics.
+    """What both tables show: a row for each material, label, status, number of fitted pairs, group of pairs and family.
 
     `material` is ours and `paper` the one that it stands for, or is `itself`; `by_recipe` says whether the fit is by
     the paper's method and recipe. Over the `seeds` are `mean` and `std` the means of the mean and the deviation over
@@ -231,7 +237,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     nearest = [fit for material in materials if material.name in NEAREST for fit in material.rows]
     fits += [fit for fit in nearest if fit.job.get("run") in starts]
     rows = [_number(fit, group, family) for fit, group, family in product(fits, _PAIRS, _METRICS)]
-    keys = ["material", "paper", "label", "status", "group", "family"]
+    keys = ["material", "paper", "label", "status", "fitted", "group", "family"]
     frame = pd.DataFrame(rows, columns=[*keys, "by_recipe", "stale", "steps", "size", "why", "mean", "std"])
     numbers = (
         frame.astype({"mean": float, "std": float})
@@ -261,6 +267,7 @@ def _number(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
         "status": job["status"],
         "group": group,
         "family": family,
+        "fitted": job.get("pairs", {}).get("train", 0),
         "by_recipe": job.get("codec") == METHOD and as_published(job),
         "stale": "",
         "steps": job.get("settings", {}).get("steps", 0),

@@ -26,7 +26,7 @@ from reports.rows import materials
 from reports.table import BOLD, DOT, UNDERLINED, Table
 
 WIDTH = 120  # of a terminal, in characters
-NAME_WIDTH, UNIT_WIDTH = 9, 8  # of the lines of a header in plain text, in characters
+NAME_WIDTH, UNIT_WIDTH = 9, 9  # of the lines of a header in plain text, in characters
 # What Markdown puts around a marked cell.
 _MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>"}
 # A number as tables show it: "−1,234.50".
@@ -100,15 +100,16 @@ def _printable(table: Table) -> Table:
 
 def _plain(table: Table) -> str:
     """One table for a terminal: title, headers, cells and notes; words are aligned left, and numbers right."""
-    lines_of_headers: list[list[str]] = []  # of each column: its name, folded between words, then its unit
-    for name, unit in table.headers:
-        lines_of_name = textwrap.wrap(name, NAME_WIDTH, break_long_words=False)
-        lines_of_headers.append([*lines_of_name, *textwrap.wrap(unit, UNIT_WIDTH)])
     # Lines of the terminal, each a tuple with the text of every column: those of the headers, then those of the rows.
-    top = list(zip_longest(*lines_of_headers, fillvalue=""))
     body: list[tuple[str, ...]] = []
     for row in table.rows:
         body += _folded(row, table)
+    lines_of_headers: list[list[str]] = []  # of each column: its name, then its unit, both folded between words
+    for place, (name, unit) in enumerate(table.headers):
+        widest_cell = max((_width(cells[place]) for cells in body), default=0)
+        lines_of_name = textwrap.wrap(name, max(NAME_WIDTH, widest_cell), break_long_words=False)
+        lines_of_headers.append([*lines_of_name, *textwrap.wrap(unit, max(UNIT_WIDTH, widest_cell))])
+    top = list(zip_longest(*lines_of_headers, fillvalue=""))
     widths = [max(map(_width, column)) for column in zip(*top, *body, strict=True)]
     rule = ["-" * width for width in widths]
     lines = []
