@@ -156,8 +156,8 @@ _SIZE = (
 )
 _NS = Measure("time", "ns ↓", "timing/ns_per_sample", -3, timed=True)
 _INTERVAL = Measure("95 % interval", "ns", "timing/interval95_ns/0", -3, "timing/interval95_ns/1", _TO, timed=True)
-_FLOOR = Measure("time", "× floor", "timing/ratio_to_floor", -3, timed=True)
-_FUSED = Measure("fused", "× floor", FUSED, -3, sparse=True)
+_FLOOR = Measure("time", "× floor ↓", "timing/ratio_to_floor", -3, timed=True)
+_FUSED = Measure("fused", "× floor ↓", FUSED, -3, sparse=True)
 
 
 def _declared() -> list[Measure]:
@@ -223,9 +223,7 @@ def in_short(material: MaterialRows) -> list[Measure]:
 
 def in_summary(material: MaterialRows) -> list[Measure]:
     """The columns of a summary over materials besides PSNR: every other metric, size, time."""
-    arrow = " ↓"  # main tables mark the time in ns instead
-    times = [measure._replace(unit=measure.unit + arrow) for measure in (_FLOOR, _FUSED)]
-    return [*_others(material, spread=False), _TOTAL, *times]
+    return [*_others(material, spread=False), _TOTAL, _FLOOR, _FUSED]
 
 
 def psnr_of(material: MaterialRows) -> dict[str, float]:

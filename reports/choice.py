@@ -193,5 +193,7 @@ def _name_and_unit(header: tuple[str, str]) -> str:
 
 
 def _matches(column: str, header: tuple[str, str]) -> bool:
-    """Whether a reader's word for a column means this header: its name, or its name and unit, in capitals or not."""
-    return column.lower() in (header[0].lower(), _name_and_unit(header).lower())
+    """Whether a reader's word for a column means this header: its name, or its name and unit, in capitals or not, with
+    or without an arrow."""
+    wanted = column.lower().rstrip(" ↑↓")
+    return wanted in (header[0].lower(), _name_and_unit(header).lower().rstrip(" ↑↓"))

@@ -344,7 +344,8 @@ def _check_start(path: Path, data: bytes) -> None:
     if data.startswith(FORMAT_1, 8):
         raise ContainerError(f"{path}: a file of format 1, which this version does not read: encode it again")
     if not data.startswith(MAGIC):
-        raise ContainerError(f"{path}: not a codec file (it does not begin with {MAGIC.decode()})")
+        fault = f"not a codec file (it does not begin with {MAGIC.decode()})"
+        raise ContainerError(f"{path}: {fault}: `neubtf-bench encode` makes one of a BTF")
     if len(data) < START:
         short = f"it has {len(data)} bytes, but the start of a codec file needs {START}"
         raise ContainerError(f"{path}: truncated: {short}: copy it again")

@@ -80,7 +80,8 @@ def _imported_class(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
     try:
         codec: type[Codec] = entry.load()
     except (Exception, SystemExit) as error:
-        raise CodecError(f"{prefix}{codec_in_words(entry)} cannot be imported: {said_by(error)}") from error
+        place = f" ({entry.value}, which its [project.entry-points] name)"
+        raise CodecError(f"{prefix}{codec_in_words(entry)}{place} cannot be imported: {said_by(error)}") from error
     name = getattr(codec, "name", None)
     if name != entry.name:
         fault = f"calls itself {name!r}"

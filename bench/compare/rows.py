@@ -8,6 +8,7 @@ they are shown and decide nothing.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from bench.codecs.alike import obstacles
 from bench.compare.paired import interval_between_runs
 from bench.compare.quantities import MAIN, deciding, undeciding
 from bench.compare.verdicts import Change, Verdict, is_random, judge, other_settings, why_fits_unlike, why_unlike
@@ -177,6 +178,9 @@ def compare_row(
     unfinished, why = _verdict_on_unfinished(base, after, declared)  # None and "" unless jobs failed or vanished
     if not base or not new:
         return ComparedRow(material, label, unfinished or Verdict.NEW, why)
+    mixed = _mixed(new)
+    if mixed:
+        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, why or mixed)
     # A base may hold seeds of several versions of a codec. Those unlike the first tell nothing of its scatter.
     base = [job for job in base if not why_fits_unlike(base[0], job)]
     ours, theirs = _jobs_of_shared_seeds(base, new)  # of base, and of new
@@ -194,6 +198,19 @@ def compare_row(
     seeds = tuple(job["seed"] for job in theirs)
     verdict = unfinished or gravest_verdict(changes)
     return ComparedRow(material, label, verdict, why, seeds, changes, others, timing, notes)
+
+
+def _mixed(new: list[Job]) -> str:
+    """Why one of the jobs of new cannot stand beside its newest seed, as after a run that ended early; "" if each can.
+
+    The jobs of a reference do not name their runs, so which is the newest is not known.
+    """
+    of_runs = [job for job in new if job.get("run")]
+    unlike = obstacles(of_runs)
+    for job in of_runs:
+        if job["job"] in unlike:
+            return f"seed {job['seed']}: {unlike[job['job']]}: give the command of the run again"
+    return ""
 
 
 def _first_obstacle(base: list[Job], ours: list[Job], theirs: list[Job]) -> str:

@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import queue
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -183,7 +184,7 @@ class Processes(Executor):
             self._start(seat)
         pool, _, _ = self.pools[seat]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
-        with handling(signal.SIGINT, signal.SIG_IGN):
+        with handling(signal.SIGINT, signal.SIG_IGN), _main_hidden():
             process = pool.submit(os.getpid)  # its answer says that the process has started
             return process, pool.submit(fn, *args, **kwargs)
 
@@ -259,6 +260,24 @@ class Processes(Executor):
         for seat in list(self.pools):
             self._end(seat, wait)
         self.watchers.shutdown(wait)
+
+
+@contextmanager
+def _main_hidden() -> Iterator[None]:
+    """Processes that start meanwhile do not run the calling script once more, as `multiprocessing` else has them do.
+
+    A job is plain data and a function of this suite, so workers need nothing of the script, which may call `bench.run`
+    without a guard.
+    """
+    main = vars(sys.modules["__main__"])
+    spec, path = main.get("__spec__"), main.pop("__file__", None)
+    main["__spec__"] = None
+    try:
+        yield
+    finally:
+        main["__spec__"] = spec
+        if path is not None:
+            main["__file__"] = path
 
 
 def _ending_in_words(worker: BaseProcess | None) -> str:

@@ -145,7 +145,8 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, os.PathLike):
         value = os.fspath(value)
     if not isinstance(value, str | bool | int | float):
-        raise InputError(f"bench.run: a suite holds numbers, texts, lists and dictionaries, not {_wrong_type(value)}")
+        fault = f"a suite holds numbers, texts, lists and dictionaries, not {_wrong_type(value)}"
+        raise InputError(f"bench.run: {fault}: name a material of yours by its path")
     # TOML writes these as JSON does, but knows no pair of escapes for one character, as JSON has for an emoji.
     return json.dumps(value, ensure_ascii=False)
 

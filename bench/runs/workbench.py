@@ -13,6 +13,7 @@ import torch
 
 from bench.btf import BTF, Split
 from bench.codec import Progress
+from bench.data.kinds import kind_of
 from bench.data.open import draw_of, open_material
 from bench.data.readers.checks import refuse_extremes
 from bench.data.spec import MaterialSpec, Preparation
@@ -259,7 +260,9 @@ def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
             if opened.exposed.fault:
                 log.warning("%s: %s", what.material.name, opened.exposed.fault)
             if len(opened.deciding) < FEW_PAIRS:
-                few = "%s: %d pair(s) decide: mark more as held out, or raise data.holdout"
-                log.warning(few, what.material.name, len(opened.deciding))
+                is_measured = kind_of(what.material).ignores(what.material, "data.heldout")
+                setting = "data.holdout" if is_measured else "data.heldout"
+                few = "%s: %d pair(s) decide: mark more as held out, or raise %s"
+                log.warning(few, what.material.name, len(opened.deciding), setting)
             _latest[key] = opened
         yield _latest[key]

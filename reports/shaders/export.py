@@ -37,16 +37,17 @@ levels and no colour conversion.
 - **uv**: the period of the material is 1 in u and in v; it holds {width} × {height} square texels, so a unit of u is
   {aspect:.6g} times as long on the surface as one of v{stretch}. Pass `uv - floor(uv)`. v grows upwards: v = 1 is the
   top edge of the picture.
-- **footprint**: the side of the square that a pixel covers; 1 is the longer side of a period, 0 is a point. Codecs
-  without levels of detail ignore it.
+- **footprint**: the side of the square that a pixel covers; 1 is the longer side of a period, 0 is a point. A renderer
+  has it from derivatives: `max(length(dFdx(uv)), length(dFdy(uv)))` for square uv. Codecs without levels of detail
+  ignore it.
 - **Low lights**: below the lowest light of the fit, which is named at the end of this page, no data say anything. There
   the answer is that of the lowest light at the same azimuth, times the ratio of the cosines: 0 at the horizon.
 - **Your part**: answer 0 where `wo.z <= 0` or `wi.z <= 0`, and clamp the answer at 0.
 
 ## Test vectors
 
-What the decoded file answers. Your copy is right if it agrees within {tolerance:g} of the brightest, about what
-{rounded} of halves round.
+What the decoded file answers, as `bench.load(FILE).query(uv, wo, wi, footprint)` does. Your copy is right if it differs
+by at most {tolerance:g} times the brightest of these answers, about what {rounded} of halves round.
 
 | u, v | wo | wi | footprint | R, G, B |
 | --- | --- | --- | --- | --- |
@@ -149,7 +150,10 @@ def _readme(program: Program, code: Shader, name: str, language: str, source: st
     across, up = program.periods  # how often the material repeats along u and v in a square of its longer side
     stretch = "" if height == width else f": for a surface with square uv, pass ({across:g} u, {up:g} v)"
     texture = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
-    whole = f"`{name}.frag` is a whole fragment shader around it, GLSL ES 3.00. " if language == GLSL.name else ""
+    whole = ""
+    if language == GLSL.name:
+        whole = f"`{name}.frag` is a whole fragment shader around it, GLSL ES 3.00: uniforms `wo`, `wi`, `footprint`, "
+        whole += "input `uv`, output `colour`.\n"
     title = "Slang" if language == SLANG.name else language.upper()
     words = {"name": name, "language": title, "suffix": language, "whole": whole, "source": source}
     checks = {"vectors": vectors.rows(), "tolerance": TOLERANCE, "rounded": "textures", "buffer": ""}

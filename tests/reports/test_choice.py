@@ -37,7 +37,7 @@ def test_columns_stand_in_the_order_given_and_are_renamed(folder):
     choice = Choice(["vq", "pca"], ["time", "psnr pooled"], {"time ns ↓": "ns", "satin": "Satin"})
     assert table_text(folder, "text", "main", choice).startswith("Satin (")
     header, *rows = csv.reader(io.StringIO(table_text(folder, "csv", "main", choice)))
-    assert header == ["material", "codec", "ns", "time × floor", "PSNR pooled dB ↑"]
+    assert header == ["material", "codec", "ns", "time × floor ↓", "PSNR pooled dB ↑"]
     assert [row[1:3] for row in rows] == [["pca", "123"], ["vq", ""]]
     assert "vq" not in table_text(folder, "csv", "main", Choice(columns=["time ns ↓"])), "its cells are empty there"
 

@@ -29,7 +29,7 @@ def test_the_main_table_shows_the_numbers_of_the_record(made):
     assert shown["bits per texel ↓"] == "4,514"  # 8 · 36110 / 64
     assert (shown["decoder param."], shown["PSNR pooled dB ↑"]) == ("3,011", "30.00")
     assert shown["SSIM ↑"] == "0.750 ± 0.125"
-    assert (shown["time ns ↓"], shown["95 % interval ns"], shown["time × floor"]) == ("123", "120 to 130", "1.75")
+    assert (shown["time ns ↓"], shown["95 % interval ns"], shown["time × floor ↓"]) == ("123", "120 to 130", "1.75")
     assert table.title == "satin (8 × 8 texels, 8 training pairs, 4 held out)"
 
 

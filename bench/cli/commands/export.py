@@ -54,7 +54,10 @@ def run(options: argparse.Namespace) -> int:
         return _with_lobes(options, loaded)
     header = loaded.header
     source = f"`{options.file.name}`: codec {header.codec}, version {header.version}, file format {FORMAT}"
-    source += f", sha256 {header.sha256}; fitted to lights up to {loaded.material.lowest_light_deg:.0f}°"
+    source += f", sha256 {header.sha256} (as `neubtf-bench info` prints it)"
+    source += f"; fitted to lights up to {loaded.material.lowest_light_deg:.0f}°"
+    if header.scene:
+        source += f" and to the scene {header.scene['name']} alone, outside of which its answers mean nothing"
     try:
         program, _ = drawable(loaded.material)  # without the exposure
         checks = vectors(loaded.material)

@@ -86,7 +86,7 @@ def _drawn(options: argparse.Namespace) -> int:
         if options.truth:
             truth = open_named(options.truth, assignments(options.set), console.show)
             names.append(options.truth)
-            captions.append("truth")
+            captions.append("truth, interpolated")
             sides.append(still.of_btf(table_of(truth)))
         for path in options.files:
             file = load(path, device)
@@ -144,4 +144,5 @@ def _written(out: Path, names: list[str], captions: list[str], exposure: float) 
     pictures = []
     for name, caption in zip(names, captions, strict=True):
         pictures.append(f"{name} ({', '.join(caption.splitlines())})")
-    return f"wrote {out}: {', '.join(pictures)}; exposure {exposure:.6g}"
+    applied = "" if out.suffix == ".exr" else f"; exposure {exposure:.6g}"  # EXR holds radiance
+    return f"wrote {out}: {', '.join(pictures)}{applied}"

@@ -165,7 +165,7 @@ def judge(case: Case, subject: Subject) -> CaseVerdict:
         except CheckError as error:
             if not case.unphysical:
                 raise
-            remedy = "a codec that models reflectance says `physical = True`"
+            remedy = "only a codec that models reflectance may say `physical = True`"
             raise CheckError(f"{error}; {remedy}", error.figure) from None
 
     with torch_threads(1):

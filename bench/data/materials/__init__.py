@@ -41,7 +41,7 @@ def describe() -> dict[str, str]:
 def refuse_unknown(name: str) -> None:
     """Raise an `InputError` if no built-in material has this name."""
     if name not in _REGISTRY:
-        raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
+        raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)} (a path has a / or an ending)")
 
 
 def recipe(name: str) -> "Recipe":

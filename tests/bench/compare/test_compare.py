@@ -186,6 +186,17 @@ def test_another_codec_version_or_other_data_cannot_be_compared(make, key, value
     assert reason in comparison.rows[0].why
 
 
+def test_seeds_of_other_code_of_an_outside_codec_are_not_averaged(make, monkeypatch):
+    monkeypatch.setattr("bench.codecs.alike.from_outside", lambda name: True)
+    base = make.run("base", *make.three())
+    new = make.three(psnr=29.0, run="2")
+    for job, code in zip(new, ("old", "new", "new"), strict=True):
+        job["fit_key"]["code"] = code
+    (row,) = compare(base, make.run("new", *new)).rows
+    assert (row.verdict, row.forbids) == ("not comparable", True)
+    assert row.why.startswith("seed 0: fitted by other code of the codec than its newest seed")
+
+
 def test_a_job_without_the_version_of_its_codec_is_named(make):
     job = make.job()
     del job["fit_key"]["version"]

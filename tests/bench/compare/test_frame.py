@@ -172,7 +172,7 @@ def test_the_frame_has_the_numbers_of_the_tables_of_a_run():
             if table.kind == "main":
                 expected = {"PSNR dB ↑ ± slices": f"{fixed(of[TEST], 2)} ± {fixed(of[std], 2)}"}
                 expected["total bytes ↓"] = f"{of['bytes/total']:,.0f}"
-                expected["time × floor"] = significant(of["timing/ratio_to_floor"])
+                expected["time × floor ↓"] = significant(of["timing/ratio_to_floor"])
             else:
                 expected = {"2 texels dB ↑": fixed(of["footprints/2/mean"], 2)}
             assert {name: cells[name] for name in expected} == expected

@@ -44,6 +44,17 @@ def test_a_worker_that_dies_without_a_job_is_replaced():
         assert workers.executor.submit(divmod, 7, 2).result() == (3, 1)
 
 
+def test_a_script_without_a_guard_is_not_run_again_by_its_workers(tmp_path):
+    (tmp_path / "script.py").write_text("""
+from bench.runs.executors import processes
+print("once")
+with processes(1, 1) as workers:
+    print(workers.executor.submit(divmod, 7, 2).result(), __file__[-9:])
+""")
+    done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=True)
+    assert done.stdout == "once\n(3, 1) script.py\n"
+
+
 def test_a_worker_tells_its_progress_and_the_bar_of_a_dead_one_ends():
     shown = []
     with processes(1, 1) as workers:
