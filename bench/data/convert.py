@@ -90,6 +90,8 @@ def check_place(out: Path) -> None:
         if out.is_dir():
             raise InputError(f"{out}: it is a folder: choose another name")
         return
+    if out.suffix.lower() in (".exr", ".png", ".npy", ".btf"):
+        raise InputError(f"{out}: it would be a folder of pictures: name it without this ending, or end it in .npz")
     is_taken = out.is_file() or (out.is_dir() and any(out.iterdir()))
     if is_taken:
         raise InputError(f"{out}: it exists and is not an empty folder: choose another name (a file ends in .npz)")
