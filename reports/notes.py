@@ -75,7 +75,7 @@ def recipe_notes(materials: Iterable[MaterialRows]) -> list[str]:
     """The note on what the label of a codec with recipes means, if there is one with its default."""
     settings = [row.job.get("settings", {}) for material in materials for row in material.measured]
     if any(each.get("recipe") == "ours" for each in settings):
-        return [Note(about_quality("Without recipe=paper, a codec with recipes is fitted by that of neubtf-bench."))]
+        return [Note(about_quality("Rows without recipe=paper are fitted by our recipe, not by that of a paper."))]
     return []
 
 
