@@ -65,7 +65,10 @@ def _differences(rungs: Rungs) -> Parts:
         f"codec is as good as the smallest of {AGAINST}. {told}"
     ]
     columns = [
-        *(Column(f"{kind}, {len(on)}", "dB ↑", kind, write=_with_interval(kind)) for kind, on in rungs.kinds.items()),
+        *(
+            Column(f"{kind}, {len(on)}", "dB ↑", kind, write=_with_interval(kind, len(on) == 1))
+            for kind, on in rungs.kinds.items()
+        ),
         Column("all", "dB ↑", "median", signed=True),
         Column("95 % interval", "of the median", "median", write=interval_cell),
         Column("ahead", "on ↑", "won", 0, write=won_cell),
@@ -74,14 +77,18 @@ def _differences(rungs: Rungs) -> Parts:
     return f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR", values, columns, notes
 
 
-def _with_interval(kind: str) -> Callable[[Row], str]:
-    """A function that writes the lead of a row on surfaces of a kind, with its interval."""
+def _with_interval(kind: str, single: bool) -> Callable[[Row], str]:
+    """A function that writes the lead of a row on surfaces of a kind, or on a single one, with its interval."""
 
     def write(row: Row) -> str:
-        """The lead and its interval: “+0.5 (+0.2 to +1.1)”; a dash without one."""
+        """The lead and its interval: “+0.5 (+0.2 to +1.1)”; a dash without a lead, and no interval where one surface and
+        one seed do not tell what scatters."""
         if isnan(row[kind]):
             return NONE
-        return f"{signed(row[kind], 1)} ({signed(row[f'{kind} low'], 1)} to {signed(row[f'{kind} high'], 1)})"
+        lead, low, high = row[kind], row[f"{kind} low"], row[f"{kind} high"]
+        return (
+            signed(lead, 1) if single and low == high else f"{signed(lead, 1)} ({signed(low, 1)} to {signed(high, 1)})"
+        )
 
     return write
 
