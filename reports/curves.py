@@ -64,11 +64,10 @@ def _differences(rungs: Rungs) -> Parts:
         f"bytes at equal dB; less than 0 takes fewer bytes; {_NEVER}: on half of the surfaces or more, no file of the "
         f"codec is as good as the smallest of {AGAINST}. {told}"
     ]
-    columns = [
-        *(
-            Column(f"{kind}, {len(on)}", "dB ↑", kind, write=_with_interval(kind, len(on) == 1))
-            for kind, on in rungs.kinds.items()
-        ),
+    columns = []
+    for kind, on in rungs.kinds.items():
+        columns.append(Column(f"{kind}, {len(on)}", "dB ↑", kind, write=_with_interval(kind, len(on) == 1)))
+    columns += [
         Column("all", "dB ↑", "median", signed=True),
         Column("95 % interval", "of the median", "median", write=interval_cell),
         Column("ahead", "on ↑", "won", 0, write=won_cell),
@@ -81,8 +80,8 @@ def _with_interval(kind: str, single: bool) -> Callable[[Row], str]:
     """A function that writes the lead of a row on surfaces of a kind, or on a single one, with its interval."""
 
     def write(row: Row) -> str:
-        """The lead and its interval: “+0.5 (+0.2 to +1.1)”; a dash without a lead, and no interval where one surface and
-        one seed do not tell what scatters."""
+        """The lead and its interval: “+0.5 (+0.2 to +1.1)”; a dash without a lead. One surface and one seed do not tell
+        what scatters, so there is no interval."""
         if isnan(row[kind]):
             return NONE
         lead, low, high = row[kind], row[f"{kind} low"], row[f"{kind} high"]
