@@ -12,6 +12,7 @@ It reads at most about 150 slices, so a table of 22 GB takes seconds; of a small
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -191,74 +192,104 @@ class Look:
         return warnings
 
 
+class _Slices:
+    """What is kept of the slices that are read: values of some texels, and by pair the median and the mean brightness,
+    the extremes, and a shrunk picture of those of the sheet."""
+
+    def __init__(self, btf: BTF, sheet: Sequence[int]):
+        """No slice is read yet; `sheet` are the pairs of the contact sheet."""
+        self.btf = btf
+        self.sheet = sheet
+        self.texels = _some_texels(btf.shape[0] * btf.shape[1])
+        self.values: list[Array] = []  # of each slice (n, 3)
+        self.seams: list[tuple[maps.Seam, maps.Seam]] = []
+        self.medians: dict[int, float] = {}
+        self.means: dict[int, float] = {}
+        self.extremes: dict[int, tuple[float, float]] = {}
+        self.thumbs: dict[int, Array] = {}
+
+    def read(self, pair: int) -> None:
+        """Read a slice, and keep what is kept of it."""
+        picture = self.btf[pair]
+        texels = picture.reshape(-1, 3)
+        self.values.append(texels[self.texels])
+        self.seams.append(maps.seams(picture))
+        self.medians[pair] = float(np.median(texels.mean(1)))
+        self.means[pair] = float(texels.mean(dtype=np.float64))
+        self.extremes[pair] = float(texels.min()), float(texels.max())
+        if pair in self.sheet:
+            self.thumbs[pair] = _thumb(picture)
+
+    def read_extremes(self) -> None:
+        """Read the extremes of all other slices."""
+        for pair in range(len(self.btf)):
+            if pair not in self.extremes:
+                picture = self.btf[pair]
+                self.extremes[pair] = float(picture.min()), float(picture.max())
+
+    def medians_of(self, pairs: Sequence[int]) -> Array:
+        """The median brightness (n,) of some pairs."""
+        return np.array([self.medians[pair] for pair in pairs])
+
+    def means_of(self, pairs: Sequence[int]) -> Array:
+        """The mean brightness (n,) of some pairs."""
+        return np.array([self.means[pair] for pair in pairs])
+
+
 def look(btf: BTF) -> Look:
     """The findings from at most about 150 slices of a BTF, which are read one at a time, and the extremes of all where
     it is small. Pairs of low light are not looked at."""
     low_light = btf.subset(btf.split().low_light)
     btf = btf.without_low_light()
     lobe = mean_lobe(btf)
-    # 1. The pairs to read: of one view, of one light, of the contact sheet, and spread ones where no ring was found.
     of_one_view = _pairs_nearest_normal(btf.layout.view, btf.wo, btf.wi)
     of_one_light = _pairs_nearest_normal(btf.layout.light, btf.wi, btf.wo)
     sheet = _sheet(btf)
-    scattered: list[int] = []
+    scattered: list[int] = []  # where no ring was found
     if lobe is None and len(btf.layout.views) > 1:
         scattered = _spread_pairs(_not_held_out(btf), SCATTERED)
-    # 2. What is kept of each slice.
-    values = []
-    thumbs = {}  # pair → shrunk picture
-    medians = {}  # pair → median brightness
-    means = {}  # pair → mean brightness
-    lows, highs = [], []  # of each slice
-    seams = []
-    texel_count = btf.shape[0] * btf.shape[1]
-    texel_indices = _some_texels(texel_count)
+    slices = _Slices(btf, sheet)
     for pair in dict.fromkeys([*sheet, *of_one_view, *of_one_light, *scattered]):  # each pair once, in this order
-        picture = btf[pair]
-        texels = picture.reshape(-1, 3)
-        values.append(texels[texel_indices])
-        medians[pair] = float(np.median(texels.mean(1)))
-        means[pair] = float(texels.mean(dtype=np.float64))
-        lows.append(float(texels.min()))
-        highs.append(float(texels.max()))
-        seams.append(maps.seams(picture))
-        if pair in sheet:
-            thumbs[pair] = _thumb(picture)
-    # 3. What the slices say together. The z of a direction is the cosine of its θ.
-    power = _power(btf.wi[of_one_view, 2], np.array([medians[pair] for pair in of_one_view]))
-    power_o = _power(btf.wo[of_one_light, 2], np.array([medians[pair] for pair in of_one_light]))
+        slices.read(pair)
+    is_small = btf.shape[0] * btf.shape[1] * 3 * len(btf) <= SMALL
+    if is_small:
+        slices.read_extremes()
+
+    # The z of a direction is the cosine of its θ.
+    power = _power(btf.wi[of_one_view, 2], slices.medians_of(of_one_view))
+    power_o = _power(btf.wo[of_one_light, 2], slices.medians_of(of_one_light))
     halves = None
     if scattered:
         wo, wi = btf.wo[scattered], btf.wi[scattered]
-        halves = half_vectors(wo, wi, np.array([means[pair] for pair in scattered]))
+        halves = half_vectors(wo, wi, slices.means_of(scattered))
         if power is None and power_o is None:
-            power, power_o = _powers(wo[:, 2], wi[:, 2], np.array([medians[pair] for pair in scattered]))
-    found = exposed(values, exposure_of(np.stack(values)))
-    if texel_count * 3 * len(btf) <= SMALL:
-        for pair in range(len(btf)):
-            if pair not in medians:
-                picture = btf[pair]
-                lows.append(float(picture.min()))
-                highs.append(float(picture.max()))
-        split = btf.split()
-        test = np.concatenate([*split.heldout.values()]) if split.heldout else np.arange(len(btf))
-        found = exposed((btf[int(pair)] for pair in test), exposure(btf.subset(split.train)))
-    sheet_thumbs = [thumbs[pair] for pair in sheet]
+            power, power_o = _powers(wo[:, 2], wi[:, 2], slices.medians_of(scattered))
+    lows, highs = zip(*slices.extremes.values(), strict=True)
     return Look(
         btf,
         sheet,
-        sheet_thumbs,
-        np.stack(values),
+        [slices.thumbs[pair] for pair in sheet],
+        np.stack(slices.values),
         power,
         power_o,
-        _seam_ratios(seams),
+        _seam_ratios(slices.seams),
         lobe,
         halves,
         (min(lows), max(highs)),
         len(lows),
         low_light,
-        found,
+        _exposed(btf, slices.values, is_small),
     )
+
+
+def _exposed(btf: BTF, values: list[Array], is_small: bool) -> Exposed:
+    """The exposure and what it makes of a BTF: of its training and test pairs, or of the `values` of those that were
+    read where it is large."""
+    if not is_small:
+        return exposed(values, exposure_of(np.stack(values)))
+    split = btf.split()
+    test = np.concatenate([*split.heldout.values()]) if split.heldout else np.arange(len(btf))
+    return exposed((btf[int(pair)] for pair in test), exposure(btf.subset(split.train)))
 
 
 def _some_texels(count: int) -> Array:
