@@ -104,9 +104,9 @@ def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
         columns.append(Column(OfData(material), OfData(below), material, write=partial(_cell, material)))
     values = pd.DataFrame(_short_rows(ours), dtype=object)
     notes = _short_notes(fits_of_psnr, missing)
-    reasons = dict.fromkeys(fit["stale"] for fit in fits_of_psnr.values() if fit["stale"])
-    if reasons:
-        notes.append(stale_note(reasons))
+    stale = {material: fit["stale"] for material, fit in fits_of_psnr.items() if fit["stale"]}
+    if stale:
+        notes.append(Note((stale_note(dict.fromkeys(stale.values())), stale.__contains__)))
     return written("paper", "Table 1 of NeuBTF (2023), and ours", values, columns, notes)
 
 
@@ -133,9 +133,9 @@ def _short_rows(ours: Mapping[tuple[str, str], Mapping[Any, Any]]) -> list[dict[
 def _short_notes(fits: Mapping[str, Mapping[Any, Any]], missing: Mapping[str, str]) -> list[str]:
     """The notes of the short table: which fits are ours, by material of the paper, and why others are missing."""
     notes = ["Mean ± standard deviation over the slices of fitted pairs, because the paper fits what it scores."]
-    fits_in_words = [_fit_in_words(fits[material]) for material in PUBLISHED if material in fits]
+    fits_in_words = [(_fit_in_words(fits[name]), name.__eq__) for name in PUBLISHED if name in fits]
     if fits_in_words:
-        notes.append(f"Ours: {METHOD} {RECIPE}: {'; '.join(fits_in_words)}.")
+        notes.append(Note(*fits_in_words, around=(f"Ours: {METHOD} {RECIPE}: ", "; ", ".")))
     notes.append(_UNLIKE)
     for material in PUBLISHED:
         if material in fits:
