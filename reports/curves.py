@@ -85,9 +85,9 @@ def _with_interval(kind: str, single: bool) -> Callable[[Row], str]:
         if isnan(row[kind]):
             return NONE
         lead, low, high = row[kind], row[f"{kind} low"], row[f"{kind} high"]
-        return (
-            signed(lead, 1) if single and low == high else f"{signed(lead, 1)} ({signed(low, 1)} to {signed(high, 1)})"
-        )
+        if single and low == high:
+            return signed(lead, 1)
+        return f"{signed(lead, 1)} ({signed(low, 1)} to {signed(high, 1)})"
 
     return write
 

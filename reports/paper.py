@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from math import isnan, nan
+from operator import eq
 from typing import Any
 
 import pandas as pd
@@ -133,7 +134,8 @@ def _short_rows(ours: Mapping[tuple[str, str], Mapping[Any, Any]]) -> list[dict[
 def _short_notes(fits: Mapping[str, Mapping[Any, Any]], missing: Mapping[str, str]) -> list[str]:
     """The notes of the short table: which fits are ours, by material of the paper, and why others are missing."""
     notes = ["Mean ± standard deviation over the slices of fitted pairs, because the paper fits what it scores."]
-    fits_in_words = [(_fit_in_words(fits[name]), name.__eq__) for name in PUBLISHED if name in fits]
+    # Each is about the column of its material alone.
+    fits_in_words = [(_fit_in_words(fits[name]), partial(eq, name)) for name in PUBLISHED if name in fits]
     if fits_in_words:
         notes.append(Note(*fits_in_words, around=(f"Ours: {METHOD} {RECIPE}: ", "; ", ".")))
     notes.append(_UNLIKE)
