@@ -118,7 +118,7 @@ def run(options: argparse.Namespace) -> int:
         write_json(_fields(folder, nearest_rung.of) | {"missed": wishes.missed(nearest_rung)})
         return NO
     say_line(f"{material}: {choice_in_words(best.of)}{_frames_in_words(best, options)}")
-    say_line(f"chosen by validation pairs; `neubtf-bench table trade {folder} --all` shows every setting")
+    say_line(f"every setting: neubtf-bench table trade {shlex.quote(str(folder))} --all")
     fields = _fields(folder, best.of)
     _say_cost(best.of, fields["gpu_bytes"])
     _offer(folder, best.of, options.copy)
