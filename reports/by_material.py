@@ -47,6 +47,14 @@ _BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}
 _BAND_NAMES |= {name: name for name in ("inside hull", "outside hull", "new view", "new light", "both new")}
 
 
+class OverSeeds(NamedTuple):
+    """The number of a cell over seeds, infinite if all are exact; the second one in the cell; and why there is none."""
+
+    value: float  # NaN without one
+    second: float = nan
+    why: str = ""
+
+
 class Measure(NamedTuple):
     """A column of these tables: its header, and where the record of a job has its number."""
 
@@ -57,6 +65,7 @@ class Measure(NamedTuple):
     second: str = ""  # the field of a second number in the cell; without one, the deviation over seeds stands there
     pair: str = _DEVIATION  # how that stands after the first
     second_digits: int | None = None
+    is_interval: bool = False  # whether the two numbers are the ends of an interval
     native: str = ""  # what the file in which the measured data came has for it: its `rank`, `bytes` or `bits` a texel
     sparse: bool = False  # whether to leave the column out if no row has a number for it
     timed: bool = False  # whether it is a time, which gets a star and no mark if it was measured apart from the others
@@ -93,31 +102,28 @@ class Measure(NamedTuple):
             unranked="unranked in time" if self.timed else unranked,
         )
 
-    def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> tuple[float, float, str]:
-        """The number of a cell over the seeds of a codec, infinite if all are exact; the second number of the cell; and
-        words that say why there is no number, or "". A number that is missing is NaN."""
+    def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> "OverSeeds":
+        """The numbers of a cell over the records of the seeds of a codec."""
         found = [self._value(record) for record in records]
-        values = [value for value, _ in found]
-        if values and all(value == inf for value in values):
-            return inf, nan, ""
-        numbers = []
-        seconds = []
-        for value, record in zip(values, records, strict=True):
-            exact = value == inf  # its record has what it counts as in means, such as 48.13 dB
-            numbers.append(record[self.field] if exact else value)
-            seconds.append(0.0 if exact else record.get(self.second, nan))
-        numbers = [number for number in numbers if not isnan(number)]
-        seconds = [second for second in seconds if not isnan(second)]
-        if not numbers:
-            value, why = found[0] if found else (nan, "")
-            return value, nan, why
-        if self.pair == _TO:  # from the lowest to the highest end of the seeds' intervals
-            return min(numbers), max(seconds), ""
+        measured = [(value, record) for (value, _), record in zip(found, records, strict=True) if not isnan(value)]
+        if not measured:
+            _, why = found[0] if found else (nan, "")
+            return OverSeeds(nan, why=why)
+        if all(value == inf for value, _ in measured):
+            return OverSeeds(inf)
+        numbers = [self._counted(record) if value == inf else value for value, record in measured]
+        if self.is_interval:  # from the lowest to the highest end of the seeds' intervals
+            return OverSeeds(min(numbers), max(record[self.second] for _, record in measured))
         if self.second:
-            return fmean(numbers), fmean(seconds) if seconds else nan, ""
-        read = {str(as_read(value, self.digits)) for value in values}  # as texts, because no NaN equals another
-        shown = self.deviation and len(numbers) > 1 and len(read) > 1
-        return fmean(numbers), stdev(numbers) if shown else nan, ""
+            seconds = [0.0 if value == inf else record[self.second] for value, record in measured]
+            seconds = [second for second in seconds if not isnan(second)]
+            return OverSeeds(fmean(numbers), fmean(seconds) if seconds else nan)
+        differ = len({as_read(number, self.digits) for number in numbers}) > 1
+        return OverSeeds(fmean(numbers), stdev(numbers) if self.deviation and differ else nan)
+
+    def _counted(self, record: Mapping[str, Any]) -> float:
+        """What an exact record counts as in a mean: what it holds, or else the most that a slice counts, in dB."""
+        return counted(None if isnan(record[self.field]) else record[self.field])
 
     def _value(self, record: Mapping[str, Any]) -> tuple[float, str]:
         """The number of one record, infinite if it is exact; without one NaN, and a word that says why, or ""."""
@@ -137,8 +143,6 @@ class Measure(NamedTuple):
         return value, ""
 
 
-_TO = " to {}"  # of an interval, whose lower end is the first number
-
 _PARAMETERS = Measure("decoder", "param.", "parameters")
 _CHANNELS = Measure("tex.", "chan.", "cost/texture_channels", native="rank")
 _TOTAL = Measure("total", "bytes ↓", "bytes/total", native="bytes")
@@ -155,7 +159,8 @@ _SIZE = (
     _BITS,
 )
 _NS = Measure("time", "ns ↓", "timing/ns_per_sample", -3, timed=True)
-_INTERVAL = Measure("95 % interval", "ns", "timing/interval95_ns/0", -3, "timing/interval95_ns/1", _TO, timed=True)
+_ENDS = ("timing/interval95_ns/0", "timing/interval95_ns/1")
+_INTERVAL = Measure("95 % interval", "ns", _ENDS[0], -3, _ENDS[1], " to {}", is_interval=True, timed=True)
 _FLOOR = Measure("time", "× floor ↓", "timing/ratio_to_floor", -3, timed=True)
 _FUSED = Measure("fused", "× floor ↓", FUSED, -3, sparse=True)
 

@@ -181,10 +181,9 @@ def _timing(material: MaterialRows) -> Iterator[str]:
     timed_rows = [row for row in material.measured if row.timing and not row.timing_obstacle]
     timing = timed_rows[0].timing if timed_rows else None  # all of them have the same conditions
     if timing:
-        fetch = "texture fetch included" if timing.get("texture_fetch") else "without the texture fetch"
         yield (
-            f"Time a sample: median; {conditions_in_words(timing)}, {fetch}; floor: one "
-            "bilinear fetch of a colour, timed before and after each codec in every turn."
+            f"Time a sample: median; {conditions_in_words(timing)}, texture fetch included; floor: one bilinear fetch "
+            "of a colour, timed before and after each codec in every turn."
         )
     yield from one_texel_notes(timed_rows)
     if any(row.fused for row in material.measured):

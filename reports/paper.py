@@ -20,7 +20,7 @@ import pandas as pd
 
 from bench.compare.frame import settings_in
 from bench.metrics import all_exact, mean_over, stats_of
-from bench.records import FLIP, PSNR, SSIM, Job, Run, as_published, codec_of, grouped
+from bench.records import FLIP, PSNR, SSIM, Job, Run, Statistics, as_published, codec_of, grouped
 from reports.numbers import EXACT, NONE, NOT_APPLICABLE, fixed, signed
 from reports.rows import MaterialRows
 from reports.rows import Row as MaterialRow
@@ -258,11 +258,13 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
 
 
 def _number(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
-    """What `_numbers` takes of one job: the mean and the deviation over the slices of a group, and what tells them
-    apart from others."""
+    """The row of one job, group and family, before `_numbers` takes the seeds together."""
     job = fit.job
     height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
-    row: dict[str, Any] = {
+    stats = stats_of(job, family, group) if job["status"] == "ok" else Statistics()
+    exact = all_exact(stats)
+    stale = fit.values["stale"] if job["status"] == "ok" else ""
+    return {
         "material": job["material"],
         "paper": NEAREST.get(job["material"], job["material"]),
         "label": fit.label,
@@ -271,22 +273,26 @@ def _number(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
         "family": family,
         "fitted": job.get("pairs", {}).get("train", 0),
         "by_recipe": job.get("codec") == METHOD and as_published(job),
-        "stale": "",
+        "stale": f"{job['codec']}: {stale}" if stale else "",
         "steps": job.get("settings", {}).get("steps", 0),
         "size": f"{height} × {width}" if height != width else "",  # the paper's are square
-        "why": job.get("error", "") if job["status"] == "unavailable" else job["status"],
-        "mean": nan,
-        "std": nan,
+        "mean": nan if exact else stats.get("mean"),
+        "std": nan if exact else stats.get("std"),
+        "why": _why_no_number(job, stats),
     }
-    if job["status"] == "ok":
-        if fit.values["stale"]:
-            row["stale"] = f"{job['codec']}: {fit.values['stale']}"
-        stats = stats_of(job, family, group)
-        if all_exact(stats):
-            row["why"] = EXACT
-        else:
-            row |= {"mean": stats.get("mean"), "std": stats.get("std"), "why": NOT_APPLICABLE if stats else NONE}
-    return row
+
+
+def _why_no_number(job: Job, stats: Statistics) -> str:
+    """Why a job has no number of a metric, whose statistics are empty if it was not measured; "" if it has one."""
+    if job["status"] == "unavailable":
+        return str(job.get("error", ""))
+    if job["status"] != "ok":
+        return str(job["status"])
+    if all_exact(stats):
+        return EXACT
+    if not stats:
+        return NONE
+    return NOT_APPLICABLE if stats.get("mean") is None else ""
 
 
 def ablation_table(run: Run) -> Table | None:

@@ -298,38 +298,30 @@ class Rungs:
         return summarised(on) if on else None
 
     @cached_property
-    def gaps(self) -> pd.DataFrame:
-        """By line and surface: BD-PSNR to `AGAINST`, where both have curves that share bytes."""
-        others = self.hulls.get(AGAINST, {})
-        found: dict[str, dict[str, float | None]] = {}
-        for line, by_surface in self.hulls.items():
-            found[line] = {}
-            for surface in by_surface.keys() & others.keys():
-                ours, theirs = self.curve(by_surface[surface]), self.curve(others[surface])
-                if ours and theirs:
-                    found[line][surface] = bd_psnr(ours, theirs)
-        return _by_line(found, self.surfaces)
-
-    @cached_property
     def _gaps_of_draws(self) -> dict[str, dict[str, list[float]]]:
         """What `_drawn_gaps` says of each line with curves."""
         return {line: self._drawn_gaps(line) for line in self.hulls}
 
     def _drawn_gaps(self, line: str) -> dict[str, list[float]]:
-        """By surface: the BD-PSNR of `gaps`, then the same for `DRAWS` draws of the seeds of both lines."""
+        """By surface where a line and `AGAINST` have curves that share bytes: the BD-PSNR between them, then the same
+        for `DRAWS` draws of the seeds of both."""
         found: dict[str, list[float]] = {}
         rng = np.random.default_rng(0)
-        gaps = self.gaps.loc[line].dropna()
-        for surface in sorted(gaps.index):
-            found[surface] = [gaps[surface]] * (1 + DRAWS)  # with one seed there is nothing to draw
-            ours, theirs = self.hulls[line][surface], self.hulls[AGAINST][surface]
+        hulls, others = self.hulls[line], self.hulls.get(AGAINST, {})
+        for surface in sorted(hulls.keys() & others.keys()):
+            ours, theirs = hulls[surface], others[surface]
+            our_curve, their_curve = self.curve(ours), self.curve(theirs)
+            gap = bd_psnr(our_curve, their_curve) if our_curve and their_curve else None
+            if gap is None:
+                continue
+            found[surface] = [gap] * (1 + DRAWS)  # with one seed there is nothing to draw
             seeds = [self._seeds[rung] for hull in (ours, theirs) for rung in hull.once]
             if any(len(own) > 1 for own in seeds):
                 found[surface][1:] = (_drawn(seeds, rng) @ _weights(ours, theirs)).tolist()
         return found
 
     def _gaps_of_rungs(self, line: str) -> dict[str, list[float]]:
-        """As `gaps`, of a line without curves: the mean gap of its rungs to the curve of `AGAINST`, at their bytes."""
+        """As `_drawn_gaps`, of a line without curves: the mean gap of its rungs to the curve of `AGAINST`."""
         found: dict[str, list[float]] = {}
         rungs = self.frame[self.frame["line"] == line]
         sizes = np.log2(rungs["bits"])

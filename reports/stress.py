@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from string import ascii_lowercase
 
-from bench.records import FILE, STRESS, Run, Stress, load_run
+from bench.records import FILE, STRESS, Run, Stress, grouped, load_run
 from reports.numbers import NONE
 from reports.table import Table
 
@@ -72,13 +72,10 @@ def _codecs_table(records: list[Stress]) -> Table:
     """A row an extreme, below a row that names its group; a column a codec."""
     cells = _Cells(records)
     codecs = sorted({record["subject"] for record in records})
-    extremes_of_group: dict[str, dict[str, None]] = {}  # each extreme once, in order
-    for record in records:
-        extremes_of_group.setdefault(record["group"], {})[record["extreme"]] = None
     rows = []
-    for group, extremes in extremes_of_group.items():
+    for group, of_group in grouped(records, lambda record: record["group"]).items():
         rows.append([f"{group}:", *[""] * len(codecs)])
-        for extreme in extremes:
+        for extreme in dict.fromkeys(record["extreme"] for record in of_group):  # each once, in order
             rows.append([extreme, *(cells.text(codec, extreme) for codec in codecs)])
     return _table("Extremes that codecs must survive", "extreme", codecs, rows, cells)
 
@@ -128,17 +125,10 @@ class _Cells:
         notes = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
         if any(record["group"] != PICTURES for record in failed):  # the command's option names a codec, not a metric
             notes.append('To try one cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
-        # By extreme: the record that used the largest share of what is allowed, after this share. Extremes without a
-        # measured share are left out.
-        worst: dict[str, tuple[float, Stress]] = {}
-        for record in self.records.values():
-            used = record.get("used")
-            extreme = record["extreme"]
-            if used is None or not record["detail"]:  # without a detail the note would have nothing to say
-                continue
-            if extreme not in worst or used > worst[extreme][0]:
-                worst[extreme] = used, record
-        for extreme, (_, record) in worst.items():
-            notes.append(f"{extreme}, worst of all: {record['subject']}: {record['detail']}")
+        # Of each extreme, the one that used the largest share of what is allowed.
+        with_share = [record for record in self.records.values() if record.get("used") is not None and record["detail"]]
+        for extreme, of_extreme in grouped(with_share, lambda record: record["extreme"]).items():
+            worst = max(of_extreme, key=lambda record: record.get("used") or 0.0)
+            notes.append(f"{extreme}, worst of all: {worst['subject']}: {worst['detail']}")
         notes += [f"{letter}: {reason}" for reason, letter in self.letters.items()]
         return notes

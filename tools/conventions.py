@@ -15,12 +15,11 @@ import bench
 from bench.btf import BTF
 from bench.codec import silent
 from bench.data.open import open_material
-from bench.data.spec import named
 from bench.material import Material
 from bench.metrics.display import encode_srgb, exposure
 from bench.metrics.psnr import psnr
 from bench.records import MOST_DB
-from bench.runs.suite import load_suite
+from bench.runs.suite import load_suite, with_changes
 
 SLICES = 150
 BRIGHT = 0.8  # what the 99th percentile of a slice becomes under its own exposure
@@ -67,9 +66,8 @@ def main() -> None:
     parser.add_argument("file")
     parser.add_argument("material")
     options = parser.parse_args()
-    suite = load_suite("budgets")
-    specs = {spec.name: spec for spec in suite.materials}
-    btf = open_material(specs.get(options.material) or named(options.material), suite.data, silent)
+    suite = with_changes(load_suite("budgets"), [options.material], codecs=[], changes={})
+    btf = open_material(suite.materials[0], suite.data, silent)
     for name, value in table(bench.load(options.file), btf).items():
         print(f"{value:6.1f} dB  {name}")
 

@@ -19,17 +19,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 import bench
 from bench.btf import BTF
 from bench.codec import silent
 from bench.codecs.registry import load_codec, make_codec
 from bench.data.open import open_material
-from bench.data.spec import Preparation, named
+from bench.data.spec import Preparation
 from bench.inputs.errors import EncodeError, InputError
 from bench.metrics.psnr import DisplayPSNR
 from bench.metrics.scoring import Scorer
-from bench.runs.suite import load_suite
+from bench.runs.suite import load_suite, with_changes
 
 SURFACES = ("satin", "cable-knit", "corduroy")
 APART = {"impalla", "bricks", "hammered-copper", "wicker", "leather", "pavingstones", "metal"}  # docs/materials.md
@@ -74,9 +75,8 @@ def opened(surface: str, size: int) -> BTF:
     """A surface with validation pairs held out. `InputError` for one that is kept apart: nothing is chosen on it."""
     if Path(surface).name in APART:
         raise InputError(f"{surface} is kept apart: choose settings on another surface")
-    specs = {spec.name: spec for spec in load_suite("budgets").materials}
-    data = Preparation(size=size, texels=size, split="validation")
-    return open_material(specs.get(surface) or named(surface), data, silent)
+    suite = with_changes(load_suite("budgets"), [surface], codecs=[], changes={})
+    return open_material(suite.materials[0], Preparation(size=size, texels=size, split="validation"), silent)
 
 
 def score(file: Path, btf: BTF) -> float:
@@ -148,23 +148,26 @@ def run(options: argparse.Namespace) -> None:
 def table(rows: list[dict[str, Any]]) -> str:
     """What each change gains over the default of the same surface, seed, size and steps, as Markdown."""
     scored = {key(row): row for row in rows if "error" not in row}
-    # By the first three cells of a line, then by surface: of each fit the gain in dB, and the logarithm of the ratio
-    # of bytes.
-    gains: dict[tuple[str, str, str], dict[str, list[tuple[float, float]]]] = {}
+    gains = []
     for row in scored.values():
         default = scored.get(key(row | {"change": {}}))
         if default:
-            name = (f"{row['size']}², {row['steps']:,} steps", f"{row['codec']} {row['version']}", words(row["change"]))
-            gain = (row["psnr"] - default["psnr"], math.log(row["bytes"] / default["bytes"]))
-            gains.setdefault(name, {}).setdefault(row["surface"], []).append(gain)
+            gain = {"dB": row["psnr"] - default["psnr"], "log": math.log(row["bytes"] / default["bytes"])}
+            gains.append(row | gain | {"change": words(row["change"])})
+    trial = ["size", "steps", "codec", "version", "change"]
+    frame = pd.DataFrame(gains, columns=[*trial, "surface", "dB", "log"])
+    by_surface = frame.groupby([*trial, "surface"], sort=False).agg(
+        dB=("dB", "mean"), log=("log", "mean"), fits=("dB", "size")
+    )
+    means = by_surface.groupby(trial, sort=False).agg(dB=("dB", "mean"), log=("log", "mean"), fits=("fits", "sum"))
+    means = means.reset_index().sort_values(trial[:-1], kind="stable")  # changes stay in their order
     lines = [
         "| size, steps | codec, version | setting | Δ dB | bytes | fits |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    for name, of_surfaces in sorted(gains.items(), key=lambda item: item[0][:2]):  # changes stay in their order
-        dB, ratio = np.mean([np.mean(pairs, 0) for pairs in of_surfaces.values()], 0)
-        fits = sum(map(len, of_surfaces.values()))
-        lines.append(f"| {' | '.join(name)} | {dB:+.2f} | × {math.exp(ratio):.2f} | {fits} |")
+    for each in means.itertuples():
+        name = f"{each.size}², {each.steps:,} steps | {each.codec} {each.version} | {each.change}"
+        lines.append(f"| {name} | {each.dB:+.2f} | × {math.exp(each.log):.2f} | {each.fits} |")
     lines += [f"\nFailed: {row['surface']}, {row['codec']} {words(row['change'])}" for row in rows if "error" in row]
     return "\n".join(lines)
 

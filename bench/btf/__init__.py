@@ -288,9 +288,11 @@ class Split:
 
     def __repr__(self) -> str:
         """A line such as `<Split: 64 training pairs, 17 held out (new view 8, new light 8, both new 1)>`."""
-        groups = ", ".join(f"{name} {len(pairs):,}" for name, pairs in self.heldout.items())
-        held = sum(map(len, self.heldout.values()))
-        words = [f"{len(self.train):,} training pairs", f"{held:,} held out" + (f" ({groups})" if groups else "")]
+        held_out = f"{sum(map(len, self.heldout.values())):,} held out"
+        if len(self.heldout) > 1:
+            groups = ", ".join(f"{name} {len(pairs):,}" for name, pairs in self.heldout.items())
+            held_out += f" ({groups})"
+        words = [f"{len(self.train):,} training pairs", held_out]
         if len(self.validation):
             words.append(f"{len(self.validation):,} for validation")
         if len(self.low_light):

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 MAGIC = b"NBTF"
 FORMAT = 2
-FORMAT_1 = b'{"__metadata__":{"neubtf"'  # after 8 bytes: a safetensors file
 LENGTHS = struct.Struct("<II")  # of the deflated JSON, and of the JSON
 HASH_AT = len(MAGIC) + 1 + LENGTHS.size
 HASH_BYTES = 32
@@ -341,8 +340,6 @@ def _checked(path: Path, data: bytes) -> tuple[Header, memoryview]:
 
 def _check_start(path: Path, data: bytes) -> None:
     """`ContainerError` unless bytes begin as a codec file of this format."""
-    if data.startswith(FORMAT_1, 8):
-        raise ContainerError(f"{path}: a file of format 1, which this version does not read: encode it again")
     if not data.startswith(MAGIC):
         fault = f"not a codec file (it does not begin with {MAGIC.decode()})"
         raise ContainerError(f"{path}: {fault}: `neubtf-bench encode` makes one of a BTF")

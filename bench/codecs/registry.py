@@ -4,7 +4,6 @@ Importing a codec imports PyTorch, which takes seconds. So docstrings and versio
 """
 
 import ast
-import importlib.util
 import re
 import tomllib
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.inputs import plugins
 from bench.inputs.errors import CodecError, InputError, did_you_mean, said_by
+from bench.inputs.plugins import source_of
 
 if TYPE_CHECKING:
     from bench.codec import Codec
@@ -228,28 +228,11 @@ def _docstring(module: str, class_name: str = "") -> str:
 
 @cache
 def _definition(module: str, class_name: str) -> "ast.Module | ast.ClassDef | None":
-    """The syntax of a module, or of a class in it; None if there is none.
-
-    Only its outermost package is looked up, since Python imports the packages around a module to find it.
-    """
-    top, *inside = module.split(".")
-    try:
-        spec = importlib.util.find_spec(top)
-    except (ImportError, ValueError):
+    """The syntax of a module, or of a class in it; None if there is none."""
+    source = source_of(module)
+    if source is None or source.suffix != ".py":
         return None
-    if spec is None:
-        return None
-    files: list[Path] = []
-    folders = spec.submodule_search_locations or ()  # a module that is one file has none
-    for folder in folders:
-        place = Path(folder).joinpath(*inside)
-        files += [place.with_suffix(".py"), place / "__init__.py"]
-    if spec.origin and not files:
-        files.append(Path(spec.origin))
-    sources = [file for file in files if file.is_file()]
-    if not sources:
-        return None
-    tree = ast.parse(sources[0].read_text(encoding="utf-8"))
+    tree = ast.parse(source.read_text(encoding="utf-8"))
     if not class_name:
         return tree
     for node in tree.body:

@@ -10,8 +10,7 @@ import dataclasses
 import hashlib
 import json
 import os
-import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ import torch
 from bench.btf import BAKED, BTF, RENDERED
 from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork, settings_dict
 from bench.codecs import container
+from bench.files import atomic
 from bench.files.atomic import SHARED, cache_dir, make_folder
 from bench.inputs.errors import ContainerError, InputError, MissingDataError
 
@@ -125,7 +125,7 @@ def find_named_by(header: container.Header, shipped: Path | None) -> TrainedNetw
 
 
 def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> container.Header:
-    """Train a network on some BTFs and write its file; an existing file is renamed to its hash.
+    """Train a network on some BTFs and write its file; a copy of an existing file stays beside it under its hash.
 
     An interrupted training resumes from its state, which is kept beside the file until it is finished.
     """
@@ -134,23 +134,28 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     if path.exists():
         replaced = container.read_header(path)
     make_folder(path.parent)
-    fingerprints = [btf.fingerprint for btf in btfs]
-    origins = [origin(btf) for btf in btfs]
-    seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]  # by `train`; `unseen` are those of its curve
-    determining = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
-    determining += [fit.threads, torch.__version__, seen]
-    # A state is resumed only if everything that determines the file is the same, so its name has a hash of that.
-    key = hashlib.sha256(json.dumps(determining, sort_keys=True).encode()).hexdigest()[:12]
-    state = path.with_name(f"{path.stem}-{key}.state")
+    state = path.with_name(f"{path.stem}-{_training_key(network, btfs, fit)}.state")
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
-    for name, digests in (("fingerprints", fingerprints), ("origins", origins)):
-        # One row of 32 bytes for each BTF.
-        parts.other[name] = torch.tensor([list(bytes.fromhex(digest)) for digest in digests], dtype=torch.uint8)
+    parts.other["fingerprints"] = _bytes_of(btf.fingerprint for btf in btfs)
+    parts.other["origins"] = _bytes_of(map(origin, btfs))
     if replaced is not None:
-        shutil.copyfile(path, path.with_name(hashed_name(replaced.codec, replaced.sha256)))
+        atomic.write(path.with_name(hashed_name(replaced.codec, replaced.sha256)), path.read_bytes())
     header = container.save(path, network, parts)
     state.unlink(missing_ok=True)
     return header
+
+
+def _training_key(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit) -> str:
+    """A hash of all that determines the file of a network: a training resumes only from a state with the same."""
+    seen = [btf.fingerprint for btf in (*btfs, *fit.unseen)]  # `unseen` are those of the curve of the training
+    determining = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
+    determining += [fit.threads, torch.__version__, seen]
+    return hashlib.sha256(json.dumps(determining, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _bytes_of(digests: Iterable[str]) -> torch.Tensor:
+    """Hex digests as bytes, a row of 32 for each, (n, 32)."""
+    return torch.tensor([list(bytes.fromhex(digest)) for digest in digests], dtype=torch.uint8)
 
 
 def origin(btf: BTF) -> str:

@@ -34,11 +34,6 @@ class Window:
         return cls(size, top=0, left=0, height=height, width=width, factor=factor)
 
     @property
-    def all(self) -> bool:
-        """Whether the window is the whole texture at full resolution."""
-        return self == Window.whole(self.size)
-
-    @property
     def full(self) -> bool:
         """Whether it is the whole texture, without texels that do not fill a box."""
         return self.sides == Window.whole(self.size, self.factor).sides

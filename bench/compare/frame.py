@@ -22,7 +22,6 @@ different runs are comparable only if `codec_version`, `training`, `btf` and `me
 `frame.attrs` has `units` and `directions` ("higher" or "lower" is better), both by column, where they are known.
 """
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import nan
 from os import PathLike
@@ -43,7 +42,7 @@ from bench.records import (
     fitted_to_scene,
     flattened,
     kind_of,
-    load_run,
+    load_warned,
 )
 
 if TYPE_CHECKING:
@@ -75,12 +74,9 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> "pd
     """
     if isinstance(paths, str | PathLike):
         paths = [paths]
-    runs = {str(path): load_run(str(path)) for path in paths}
+    runs = {str(path): load_warned(str(path)) for path in paths}
     on_gpu: dict[str, Timing] = {}
-    for path, run in runs.items():
-        if run.unreadable:
-            lines = ", ".join(map(str, run.unreadable))
-            warnings.warn(f"{path}: {len(run.unreadable)} line(s) could not be read: {lines}", stacklevel=2)
+    for run in runs.values():
         on_gpu |= gpu_times(run)
     rows = [{"folder": path} | row for path, run in runs.items() for row in values_of(run, on_gpu)]
     return _framed(rows, [job for run in runs.values() for job in run.jobs])

@@ -189,15 +189,9 @@ def _mean_psnr(name: str, metric: str, groups: list[str], tolerance: Tolerance) 
 
 
 def _mean_of_footprints(job: Job) -> float | None:
-    """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR in older records."""
-    numbers = []
-    for side, stats in job.get("footprints", {}).items():
-        if side != "1":
-            if "mean" in stats:
-                number = stats["mean"]
-            else:
-                number = stats[PSNR]  # pooled
-            numbers.append(_stored_or_infinite(stats, number))
+    """The mean over footprints above one texel of the mean over slices."""
+    footprints = job.get("footprints", {})
+    numbers = [_stored_or_infinite(stats, stats["mean"]) for side, stats in footprints.items() if side != "1"]
     return average(numbers)
 
 

@@ -39,7 +39,6 @@ from bench.records import (
     Timing,
     by_row,
     deciding_group,
-    grouped,
     kept,
     load_run,
     metrics_of,
@@ -310,25 +309,35 @@ def published(run: Run, once: bool = True) -> str:
     itself, as an archive needs it, whose lines may be altered. `InputError` if there is no result, or if a job does not
     name its run, as in a reference.
     """
-    if not any(job["status"] == "ok" for job in run.jobs) and not len(run.timings):
-        raise InputError(f"{run.folder}: the run has no results")
-    for job in run.jobs:
-        if "run" not in job:
-            remedy = "give the folder that `neubtf-bench run` wrote"
-            raise InputError(f"{run.folder}: {job['job']} has no 'run', as in a reference: {remedy}")
+    _refuse_unpublishable(run)
     jobs = [published_job(job, run.folder) for job in run.jobs]
     timings = [kept(timing, records.RESULTS) for timing in run.timings]
     used = {line["run"] for line in (*jobs, *timings)}
     # Keep each start once: a file to which the same run is added again already has its earlier starts.
     starts = {start["run"]: kept(start, records.RESULTS) for start in run.starts if start["run"] in used}
     if once:
-        for name, of_start in grouped(jobs, lambda job: job["run"]).items():
-            facts = [job["metrics"] for job in of_start if "metrics" in job]
-            if name in starts and facts and all(each == facts[0] for each in facts):
-                starts[name]["metrics"] = facts[0]  # each job of the start would repeat them
+        starts = {name: _with_common_metrics(start, jobs) for name, start in starts.items()}
         jobs = [_once(job, starts.get(job["run"], RunStart())) for job in jobs]
     lines = [*starts.values(), *jobs, *timings]
     return "".join(json.dumps(rounded(line), allow_nan=False, separators=(",", ":")) + "\n" for line in lines)
+
+
+def _refuse_unpublishable(run: Run) -> None:
+    """Raise `InputError` for a run without a result, or with a job that does not name its run."""
+    if not any(job["status"] == "ok" for job in run.jobs) and not len(run.timings):
+        raise InputError(f"{run.folder}: the run has no results")
+    for job in run.jobs:
+        if "run" not in job:
+            remedy = "give the folder that `neubtf-bench run` wrote"
+            raise InputError(f"{run.folder}: {job['job']} has no 'run', as in a reference: {remedy}")
+
+
+def _with_common_metrics(start: RunStart, jobs: Iterable[Job]) -> RunStart:
+    """A start with the facts of metrics, if all its jobs have the same: each of them would repeat these."""
+    facts = [job["metrics"] for job in jobs if job["run"] == start["run"] and "metrics" in job]
+    if facts and all(each == facts[0] for each in facts):
+        return {**start, "metrics": facts[0]}
+    return start
 
 
 def _once(job: Job, start: RunStart) -> Job:
@@ -350,15 +359,11 @@ def _once(job: Job, start: RunStart) -> Job:
 
 
 def published_job(job: Job, folder: Path) -> Job:
-    """The record of a job of a run's folder as it is published: without host, paths, tracebacks and home folders."""
+    """The record of a job of a run's folder as it is published: without what names this machine or a person, and what
+    no table or page reads; the errors of its slices are packed into it."""
     line = kept(job, records.RESULTS)
     if "error" in line:
-        # The name of a home folder is often a person's name. A home folder of / has no name, but is in every path.
-        home = Path.home()
-        error = str(line["error"])
-        if len(home.parts) > 1:
-            error = error.replace(str(home), "~")
-        line["error"] = error[:500]
+        line["error"] = _without_home(str(line["error"]))[:500]
     if job["status"] != "ok":
         return line
     if "file" in job:
@@ -376,6 +381,12 @@ def published_job(job: Job, folder: Path) -> Job:
     if slices is not None:
         line["slices"] = {PSNR: packed(slices)}
     return line
+
+
+def _without_home(text: str) -> str:
+    """A text with ~ for the home folder, whose name is often a person's; one of / has no name, but is in every path."""
+    home = Path.home()
+    return text.replace(str(home), "~") if len(home.parts) > 1 else text
 
 
 def _published_scores(job: Job) -> dict[str, Group]:

@@ -46,7 +46,7 @@ class NeededPart:
         factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
         window = _window(btf.shape, demand, factor)
         pairs = np.arange(len(btf)) if every_pair else needed_pairs(btf.layout, demand)
-        whole = window.all and len(pairs) == len(btf)
+        whole = window == Window.whole(btf.shape) and len(pairs) == len(btf)
         return cls(window, pairs, finest, _cells(demand.wo), _cells(demand.wi), whole)
 
     def cut(self, btf: BTF) -> BTF:

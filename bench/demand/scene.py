@@ -132,6 +132,11 @@ class LightSource:
     lamps: tuple[Lamp, ...] = ()
     samples: Annotated[int, Range(1, MOST)] = 8
 
+    @property
+    def samples_a_point(self) -> int:
+        """How many directions it is sampled in at each point: those of an environment, and one of any other light."""
+        return self.samples if self.kind == "environment" else 1
+
     def __post_init__(self) -> None:
         """Raise `InputError` for an unknown kind, a field that it lacks or does not have, a direction of 0, or a black
         environment."""
@@ -176,7 +181,7 @@ class Scene:
         if len(sizes) > 1:
             raise InputError("camera: all frames of a path have one width and one height: give them outside the path")
         # Each lamp takes time at each sample of its environment.
-        samples = sum(light.samples * (1 + len(light.lamps)) for light in self.lights)
+        samples = sum(light.samples_a_point * (1 + len(light.lamps)) for light in self.lights)
         if samples * len(self.cameras) > MOST:
             asked = f"{len(self.cameras):,} frames of {samples:,} samples of lights"
             raise InputError(f"lights: {asked}: the limit is {MOST:,} in all: give fewer samples, lamps or frames")

@@ -23,9 +23,7 @@ class TextScene:
         self.name = scene.name
         self.frames = len(scene.cameras)
         self.picture = (scene.cameras[0].height, scene.cameras[0].width)
-        self.samples = 0
-        for light in scene.lights:
-            self.samples += light.samples if light.kind == "environment" else 1
+        self.samples = sum(light.samples_a_point for light in scene.lights)
 
     def cast(self, frame: int, col: Array, row: Array) -> Points:
         """The points of the surface that the rays of a frame hit, through the places `col`, `row` (n,), in pixels.

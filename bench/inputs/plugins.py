@@ -4,7 +4,11 @@ An entry point is a line in a package's metadata: under a group such as `neubtf_
 that it stands for, `module:object`. A distribution is a package as it is installed, with its version.
 """
 
+import importlib.util
+import sys
+from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 from bench.inputs.errors import InputError, said_by
@@ -59,3 +63,26 @@ def imported(entry: EntryPoint, kind: str) -> Any:
     except (Exception, SystemExit) as error:  # a package that exits on import must not end the suite
         words = f"{called(entry, kind)} cannot be imported: {said_by(error)}"
         raise PluginError(f"{words}: {remedy(entry)}") from error
+
+
+def source_of(module: str) -> Path | None:
+    """The file of a module, `.py` or compiled; None if there is none. Neither it nor its packages are imported."""
+    file_of_imported = getattr(sys.modules.get(module), "__file__", None)
+    if file_of_imported:
+        return Path(file_of_imported)
+    # Python would import the packages around a module to find it, so only the outermost is looked up.
+    top, *inside = module.split(".")
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    if spec is None:
+        return None
+    if not inside:
+        return Path(spec.origin) if spec.origin and spec.has_location else None
+    for folder in spec.submodule_search_locations or ():
+        for ending in (".py", "/__init__.py", *EXTENSION_SUFFIXES):
+            path = Path(f"{Path(folder, *inside)}{ending}")
+            if path.is_file():
+                return path
+    return None

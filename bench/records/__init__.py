@@ -12,6 +12,7 @@ from bench.records.lines import (
     append,
     load_run,
     load_together,
+    load_warned,
     refuse_damaged,
     run_so_far,
     view,

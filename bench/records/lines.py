@@ -200,8 +200,8 @@ def load_run(folder: str | Path) -> Run:
 
 
 def run_so_far(folder: Path) -> Run:
-    """The records of a run's folder, as `load_run`; a run without any if nothing was recorded there yet."""
-    return load_run(folder) if (folder / FILE).exists() else Run(folder)
+    """The records of a run's folder, as `load_warned`; a run without any if nothing was recorded there yet."""
+    return load_warned(folder) if (folder / FILE).exists() else Run(folder)
 
 
 def load_together(
@@ -219,7 +219,7 @@ def load_together(
         paths += _files_of(Path(source))
     if beside:
         paths.sort(key=lambda path: path.suffix != ".jsonl")
-    runs = [_loaded_with_warning(path) for path in paths]
+    runs = [load_warned(path) for path in paths]
     if len(runs) == 1:
         return runs[0]
     together = Run(runs[-1].folder)
@@ -251,7 +251,7 @@ def load_together(
     return together
 
 
-def _loaded_with_warning(path: Path) -> Run:
+def load_warned(path: str | Path) -> Run:
     """As `load_run`, with a warning of lines that cannot be read."""
     run = load_run(path)
     if run.unreadable:

@@ -25,7 +25,7 @@ OUTSIDE = "outside the scene"  # the group of pairs that the demand of a scene d
 SAME_EXPOSURE = 1e-4  # relative, a gain of 0.0004 dB: published records are rounded, machines differ in the last bit
 
 # Two timings are compared only if these fields agree.
-CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
+CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries")
 
 Item = TypeVar("Item")
 Key = TypeVar("Key")

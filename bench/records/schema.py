@@ -361,7 +361,6 @@ class Timing(Open, total=False):
     device: Annotated[Text, PUBLISHED]
     execution: Annotated[Text, PUBLISHED]
     queries: Annotated[Text, PUBLISHED]
-    texture_fetch: Annotated[bool, PUBLISHED]
     gpu: Annotated[Text, PUBLISHED]
     # Of a trade: what was timed
     material: Annotated[Name, RESULTS | APART]
@@ -388,6 +387,11 @@ class Timing(Open, total=False):
     part: Annotated[Text, RESULTS | APART]
     coherent: Annotated[bool, RESULTS | APART]
     footprint: Annotated[NotNegative, RESULTS | APART]
+
+
+def job_name(material: str, label: str, seed: int) -> str:
+    """The name of a job: `satin/pca components=4/0`."""
+    return f"{material}/{label}/{seed}"
 
 
 def setting_name(label: str, flops: int) -> str:

@@ -31,7 +31,6 @@ from bench.files import atomic
 from bench.files.archive import ZipFiles, inside
 from bench.inputs.errors import InputError
 from bench.inputs.settings import table
-from bench.metrics import read_scores
 from bench.records import (
     CLAIM,
     FILE,
@@ -47,6 +46,7 @@ from bench.records import (
     kept,
     metrics_of,
 )
+from bench.records.schema import job_name
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import store_content
 from bench.runs.provenance import machine, provenance, revision_and_time
@@ -287,8 +287,7 @@ def _verdict_by_scoring(
         return Verified(job["job"], DIFFERS, "; ".join(misfits))
     # The key of the fit: of the file, but for the version of the store of textures, which files do not hold.
     fit: FitKey = {"codec": header.codec, "version": header.version, "settings": header.settings}
-    if "store" in job["fit_key"]:
-        fit["store"] = job["fit_key"]["store"]
+    fit["store"] = job["fit_key"]["store"]
     fit["training"] = workbench.training.fingerprint
     if header.network:
         fit["shared"] = header.network
@@ -320,7 +319,6 @@ def differences(claimed: Job, here: Job) -> Iterator[str]:
     measured = json.loads(json.dumps(here))  # with lists for tuples, as the claims were read from JSON, too
     # `CLAIM` marks the fields of a record that are compared when it is verified.
     claims = kept(claimed, CLAIM)
-    claims["scores"] = read_scores(claims["scores"])  # an earlier version recorded more
     for name, value in claims.items():
         yield from _differences_of_values(name, value, measured.get(name))
 
@@ -374,6 +372,6 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     words_of_curve = curve.removeprefix(called).split()
     if not curve.startswith(called) or not set(words_of_curve) <= set(words):
         yield f"curve is {curve!r}, which does not belong to the label"
-    name = f"{claimed['material']}/{label}/{claimed['seed']}"
+    name = job_name(claimed["material"], label, claimed["seed"])
     if name != claimed["job"]:
         yield f"job is {claimed['job']!r}, not {name!r}"

@@ -35,13 +35,11 @@ class Estimate:
 
     A step of a codec's jobs is expected to take as long as in the codec's jobs that are done. While a codec is left of
     which no job is done, no time is told: a linear codec takes a second, a network many minutes. `holds` names the jobs
-    whose earlier records are expected to hold, so that they take no time. `at_once` jobs run side by side. `then` says
-    what follows the jobs: "about 2 min of timing".
+    whose earlier records are expected to hold, so that they take no time. `at_once` jobs run side by side.
     """
 
-    def __init__(self, efforts: Mapping[str, Effort], holds: Iterable[str], at_once: int = 1, then: str = ""):
+    def __init__(self, efforts: Mapping[str, Effort], holds: Iterable[str], at_once: int = 1):
         """`efforts` has each job of the run by name."""
-        self.then = then
         self.efforts = efforts
         self.waiting = set(efforts)
         self.holds = set(holds)  # emptied at the first job whose earlier record does not hold
@@ -75,7 +73,7 @@ class Estimate:
             return f"{jobs}, all recorded; what changed since is done again"
         if self.holds:
             jobs += f", {len(self.holds)} of them recorded"
-        return f"{jobs}: " + self._and_then(f"{left} left")
+        return f"{jobs}: {left} left"
 
     @property
     def time_left(self) -> str:
@@ -96,17 +94,7 @@ class Estimate:
         """How many jobs have ended, and the time left: `8 of 12 jobs, about 20 min left`."""
         text = f"{self.total - len(self.waiting)} of {_count_of_jobs(self.total)}"
         time_left = self.time_left
-        if time_left:
-            text += f", {time_left}"
-        if not self.waiting:  # the last job has ended
-            return text
-        return self._and_then(text)
-
-    def _and_then(self, text: str) -> str:
-        """A text, followed by what comes after the jobs, if anything does."""
-        if not self.then:
-            return text
-        return f"{text}, then {self.then}"
+        return f"{text}, {time_left}" if time_left else text
 
 
 def _count_of_jobs(count: int) -> str:

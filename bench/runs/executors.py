@@ -17,7 +17,6 @@ from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExec
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
 from itertools import cycle, islice
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -42,7 +41,6 @@ class Workers:
     at_once: int
     here: bool = False  # jobs run in the calling thread, and can show their progress
     show_with: Callable[[Show], None] = lambda show: None  # for others that can: what shows the progress of their jobs
-    everywhere: Callable[..., dict[str, Any]] | None = None  # calls a function on all workers; its answers by worker
 
 
 Seats = Callable[[], AbstractContextManager[Workers]]  # opens the workers of a run, and ends them
@@ -105,7 +103,7 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
     try:
         _require_package(client)
         # Enough for a cluster that scales with the number of waiting jobs.
-        yield Workers(executor, at_once=1000, everywhere=partial(client.run, on_error="ignore"))
+        yield Workers(executor, at_once=1000)
     finally:
         executor.shutdown(wait=False)
         client.close()

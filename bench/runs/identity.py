@@ -6,16 +6,15 @@ of the codec's own package, and of others that are not installed; of an installe
 
 import ast
 import hashlib
-import importlib.util
 import sys
 import uuid
 from collections.abc import Collection, Iterator
 from functools import cache
-from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
 from bench.codec import Codec
+from bench.inputs.plugins import source_of
 from bench.records import FitKey
 
 # Modules that every fit uses, and those that only fits to a scene use.
@@ -66,7 +65,7 @@ def _reached(roots: Collection[str]) -> tuple[dict[str, str], set[str]]:
         top = _top(name)
         if name in digests or top in sys.stdlib_module_names:
             continue
-        path = _file(name)
+        path = source_of(name)
         if top not in own and (path is None or INSTALLED & set(path.parts)):
             libraries.add(top)
         elif path is not None:  # `from module import name` may name a function, which has no file
@@ -95,29 +94,6 @@ def _source(path: Path, module: str) -> tuple[str, tuple[str, ...]]:
     except (SyntaxError, ValueError):  # compiled, such as a .so: its imports are not known
         imported = ()
     return hashlib.sha256(content).hexdigest(), imported
-
-
-@cache
-def _file(module: str) -> Path | None:
-    """The file of a module; None if there is none. It is found without importing it or its packages."""
-    file_of_imported = getattr(sys.modules.get(module), "__file__", None)
-    if file_of_imported:
-        return Path(file_of_imported)
-    top, *inside = module.split(".")
-    try:
-        spec = importlib.util.find_spec(top)
-    except (ImportError, ValueError):
-        return None
-    if spec is None:
-        return None
-    if not inside:
-        return Path(spec.origin) if spec.origin and spec.has_location else None
-    for folder in spec.submodule_search_locations or ():
-        for ending in (".py", "/__init__.py", *EXTENSION_SUFFIXES):
-            path = Path(f"{Path(folder, *inside)}{ending}")
-            if path.is_file():
-                return path
-    return None
 
 
 def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:

@@ -31,7 +31,7 @@ from bench.codecs.registry import codec_entries, codec_in_words, from_outside, m
 from bench.codecs.seeds import seed_of
 from bench.demand import fitting, require_demand
 from bench.files import atomic
-from bench.inputs.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
+from bench.inputs.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError, unwritable
 from bench.inputs.plugins import PluginError
 from bench.machine.devices import is_gpu
 from bench.machine.memory import forget_peak, peak_bytes
@@ -330,8 +330,7 @@ def _facts_of_record(facts: Facts, cached: bool) -> Job:
     record: Job = {"fit_seconds": facts["fit_seconds"], "history": facts["history"], "fit_cached": cached}
     if facts.get("faults"):
         record["faults"] = facts["faults"]
-    if "fitted" in facts:  # facts of older fits lack it
-        record["fitted"] = facts["fitted"]
+    record["fitted"] = facts["fitted"]
     if "fit_memory" in facts:
         record["fit_memory"] = facts["fit_memory"]
     return record
@@ -352,24 +351,13 @@ def store_content(folder: Path, name: str, content: dict[str, Any]) -> str:
 
 
 def _raise_where_no_job_can_help(error: BaseException) -> None:
-    """Raise `InputError` if a disk is full or may not be written: each further job would fail alike."""
+    """Raise `InputError` if a disk is full or may not be written, or the cache may not be used: each further job would
+    fail alike."""
     if not isinstance(error, OSError):
         return
-    place = ""
-    if error.filename:
-        place = f"{error.filename}: "
-    if error.errno == errno.EROFS:  # a disk that is read only
-        remedy = "choose another $NEUBTF_CACHE or --out"
-    elif error.errno in NO_PLACE:  # a full disk, an exhausted quota
-        remedy = "make room"
-    elif error.errno in (errno.EACCES, errno.EPERM) and _is_in_cache(error.filename):  # every job needs the cache
-        remedy = "mend its permissions, or choose another $NEUBTF_CACHE"
-    else:
-        return
-    raise InputError(
-        f"{place}cannot be written on {platform.node()} ({error.strerror}): {remedy}, then give the same command "
-        "again: finished jobs are kept"
-    ) from error
+    closed_cache = error.errno in (errno.EACCES, errno.EPERM) and _is_in_cache(error.filename)
+    if error.errno in NO_PLACE or closed_cache:
+        raise InputError(f"{unwritable(error)}; finished jobs are kept (on {platform.node()})") from error
 
 
 def _is_in_cache(name: Any) -> bool:

@@ -4,18 +4,33 @@ import os
 import platform
 import subprocess
 import sys
+from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 
 import torch
 
 from bench.codecs.registry import codec_entries
+from bench.inputs.plugins import source_of
 from bench.records import Machine, RunStart
+from bench.runs.suite import Suite
 
 PACKAGES = ("neubtf-bench", "torch", "numpy", "scipy", "scikit-image", "OpenEXR", "safetensors", "torchinfo")
+
+
+def new_run() -> str:
+    """The name of a run that begins now."""
+    return f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
+
+
+def start_of(suite: Suite, run: str, device: str, jobs: list[str]) -> RunStart:
+    """The record of the start of a run of a suite: what it plans, and where it runs; `jobs` are names."""
+    start: RunStart = {"kind": "run", "run": run, "suite": suite.name, "text": suite.text}
+    start |= {"device": device, "threads": suite.threads, "seeds": list(suite.seeds), "data": asdict(suite.data)}
+    start |= {"materials": [asdict(material) for material in suite.materials], "jobs": jobs}
+    return start | provenance()
 
 
 def provenance() -> RunStart:
@@ -42,33 +57,17 @@ def codec_revision(name: str) -> str | None:
 
     None without a repository, for a codec of the suite's own one, and for an installed copy, which none tracks.
     """
-    path = _package_of(name)
+    entry = codec_entries().get(name)
+    path = source_of(entry.module) if entry else None
     if path is None:
         return None
-    folder = path if path.is_dir() else path.parent
+    folder = path.parent
     repository = _git(folder, "rev-parse", "--show-toplevel")
     repository_of_suite = _git(Path(__file__).parent, "rev-parse", "--show-toplevel")
     tracked_files = _git(folder, "ls-files", "--", str(path))  # "" for an environment that lies inside a checkout
     if not tracked_files or repository == repository_of_suite:
         return None
     return _revision_of(folder)
-
-
-def _package_of(codec: str) -> Path | None:
-    """The file or folder of the outermost package of a codec; None if there is none. Nothing is imported."""
-    entry = codec_entries().get(codec)
-    if entry is None:
-        return None
-    spec = find_spec(entry.module.partition(".")[0])
-    if spec is None:
-        return None
-    places = [spec.origin]  # the file of a module or of a package's `__init__.py`; None for a package without one
-    if spec.submodule_search_locations:  # the folders of a package
-        places += spec.submodule_search_locations
-    for place in places:
-        if place and Path(place).exists():
-            return Path(place)
-    return None
 
 
 def _revision_of(folder: Path) -> str | None:

@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
@@ -27,13 +26,13 @@ from bench.files import atomic
 from bench.inputs.errors import CodecError, InputError, MissingDataError
 from bench.machine.devices import present
 from bench.machine.threads import cores
-from bench.records import Job, Run, RunStart, Timing
+from bench.records import Job, Timing
 from bench.runs import lock
 from bench.runs.estimate import Effort, Estimate
 from bench.runs.evaluation import material_of_job
 from bench.runs.executors import Seats, Workers, in_process, processes, tell
 from bench.runs.job import FRESH_STATE, STATE, Outcome, error_with_origin, failed_outcome, work
-from bench.runs.provenance import provenance
+from bench.runs.provenance import new_run, start_of
 from bench.runs.suite import CodecSpec, Suite, Task, canonical
 from bench.runs.workbench import demand_of
 
@@ -54,7 +53,6 @@ class Options:
     show: Progress = silent
     say: Callable[[str], None] = lambda text: None  # gets a message before the first job: how many are left
     workers: Seats | None = None  # None: see `_workers`
-    then: str = ""  # what follows the jobs, told with the time left: "about 2 min of timing"
 
 
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
@@ -68,7 +66,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
     codecs, faults = _make_codecs(suite)  # bad settings stop here
     for codec in codecs:
         require_demand(codec, suite.demand)
-    run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
+    run_id = new_run()
     if suite.demand:
         demand_of(run_id, str(Path(suite.demand).absolute()))  # a bad demand file stops here
     with lock.locked(options.folder, run_id):
@@ -77,27 +75,12 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         try:
             open_workers = _workers(suite, options)
             with open_workers() as workers:
-                _require_folder(workers, options.folder.absolute(), run_id)
                 session = _Session(suite, options, run_id, networks, workers)
                 session.start()
                 yield from session.jobs(faults)
         finally:
             _tidy(options.folder)
         session.time()  # when the workers have ended, so that nothing else runs
-
-
-def _require_folder(workers: Workers, folder: Path, run_id: str) -> None:
-    """Raise `InputError` if a worker of a cluster does not see the run's folder, before the first job rather than in
-    it.
-
-    Workers of this machine always see it; only those of a cluster have `everywhere`, which calls a function on all.
-    """
-    if workers.everywhere is None:
-        return
-    reaches_of_worker = workers.everywhere(lock.can_use_folder, folder, run_id)
-    without_folder = [worker for worker, reaches in reaches_of_worker.items() if not reaches]
-    if without_folder:
-        raise lock.error_of_unseen_folder(folder, f"the worker(s) {', '.join(without_folder[:5])}")
 
 
 def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
@@ -167,25 +150,10 @@ class _Session:
         self.run_id = run_id
         self.networks = networks
         self.workers = workers
-        self.before = self._records_before()
+        self.before = records.run_so_far(options.folder)
         # In the order of the suite; a cell is a material, a codec and a seed.
         self.tasks = [self._task(material, codec, seed) for material, codec, seed in suite.cells]
         self.done: dict[str, Job] = {}  # jobs that have a file, by name
-
-    def _records_before(self) -> Run:
-        """The records of earlier runs in the folder, with a warning if lines are damaged; a run without any if there
-        are none."""
-        path = self.options.folder / records.FILE
-        if not path.exists():
-            return Run(Path())
-        before = records.load_run(self.options.folder)
-        bad = before.unreadable  # numbers of lines
-        if bad:
-            lines = ", ".join(map(str, bad[:10]))
-            if len(bad) > 10:
-                lines += ", …"
-            log.warning("%s: skipped %d line(s) that are not records: %s", path, len(bad), lines)
-        return before
 
     def _task(self, material: MaterialSpec, codec: CodecSpec, repetition: int) -> Task:
         """The task of one cell of the suite, with absolute paths: a worker may have another working directory."""
@@ -231,19 +199,15 @@ class _Session:
         return record
 
     def start(self) -> None:
-        """Record the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
-        suite = self.suite
-        record: RunStart = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
-        record |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
-        record |= {"data": dataclasses.asdict(suite.data)}
-        record |= {"materials": [dataclasses.asdict(material) for material in suite.materials]}
-        records.append(self.options.folder, record | {"jobs": [task.name for task in self.tasks]} | provenance())
+        """Record the start of the run, with the names of its jobs, which may end in another order."""
+        jobs = [task.name for task in self.tasks]
+        records.append(self.options.folder, start_of(self.suite, self.run_id, self.options.device, jobs))
 
     def jobs(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """Run the jobs; records and yields the outcome of each as it ends. `faults`: see `_make_codecs`."""
         recorded_jobs = [task.name for task in self.tasks if task.earlier]  # their files exist, so they may still hold
         efforts = {task.name: Effort.of(task.codec) for task in self.tasks}
-        estimate = Estimate(efforts, recorded_jobs, min(self.workers.at_once, cores()), self.options.then)
+        estimate = Estimate(efforts, recorded_jobs, min(self.workers.at_once, cores()))
         self.options.say(estimate.first_message)
         self.options.show("jobs", 0, len(self.tasks))
         for count, outcome in enumerate(self._outcomes(faults), 1):

@@ -12,7 +12,6 @@ import json
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +29,7 @@ from bench.inputs.errors import InputError, MissingDataError
 from bench.material import Material
 from bench.records.schema import setting_name
 from bench.runs import library, lock
-from bench.runs.provenance import provenance
+from bench.runs.provenance import new_run, start_of
 from bench.runs.suite import CodecSpec, Suite, canonical
 
 log = logging.getLogger(__name__)
@@ -87,33 +86,12 @@ def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progres
         materials = contestants(suite, folder, device, show)
         for _ in range(ROUNDS):
             _round(materials, entries, suite.threads, show)
-        records.append(folder, start_of(suite, run, device))
+        records.append(folder, start_of(suite, run, device, jobs=[]))
         conditions = timing.conditions(suite.threads, device)
         found = [entry.record(run) | conditions for entry in entries.values()]
         for record in found:
             records.append(folder, record)
     return sorted(found, key=lambda record: float(record["ratio_to_floor"]))
-
-
-def new_run() -> str:
-    """The name of a run that begins now."""
-    return f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
-
-
-def start_of(suite: Suite, run: str, device: str) -> records.RunStart:
-    """The record of the start of a run that times settings."""
-    start: records.RunStart = {
-        "kind": "run",
-        "run": run,
-        "suite": suite.name,
-        "text": suite.text,
-        "device": device,
-        "threads": suite.threads,
-        "seeds": [],
-        "jobs": [],
-        "materials": [],
-    }
-    return start | provenance()
 
 
 def contestants(suite: Suite, folder: Path, device: str, show: Progress) -> Contestants:

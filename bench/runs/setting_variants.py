@@ -36,7 +36,8 @@ from bench.material import Material
 from bench.records import Ceiling, RunStart, Timing
 from bench.records.schema import setting_name
 from bench.runs import lock
-from bench.runs.setting_times import decoded_settings, new_run, start_of, surfaces_of
+from bench.runs.provenance import new_run, start_of
+from bench.runs.setting_times import decoded_settings, surfaces_of
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.timing import Queries, native
 from bench.timing.execution import DTYPES, TOLERANCES, Variant, exists_on, networks, prepared
@@ -100,7 +101,7 @@ class _Measuring:
         self.done = timed_before | self.given_up()
         native_precisions = [precision for precision in DTYPES if _is_native(precision, device)]
         self.ceilings = [ceiling(device, suite.threads, precision) for precision in native_precisions]
-        start: RunStart = {**start_of(suite, run, str(device)), "ceilings": self.ceilings}
+        start: RunStart = {**start_of(suite, run, str(device), jobs=[]), "ceilings": self.ceilings}
         records.append(folder, start)
 
     def everything(self) -> None:
@@ -350,7 +351,6 @@ def _timing_of_step(name: str, label: str, step_ns: float, threads: int, device:
         "threads": threads,
         "device": device,
         "queries": "one step",
-        "texture_fetch": True,
         "ns_per_sample": step_ns,
         "interval95_ns": [step_ns, step_ns],  # one measurement has no interval
     }

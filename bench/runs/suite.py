@@ -37,6 +37,7 @@ from bench.inputs.errors import CodecError, InputError, MissingDataError, did_yo
 from bench.inputs.settings import Seed, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
 from bench.metrics import DEFAULTS, chosen_names, refuse_taken_names
 from bench.records import Job
+from bench.records.schema import job_name
 
 MOST_JOBS = 100_000
 Words = tuple[str, ...]
@@ -109,6 +110,10 @@ class Suite:
                 cells += [(material, codec, seed) for seed in codec.seeds or self.seeds]
         return cells
 
+    def first_seed(self, codec: CodecSpec) -> int:
+        """The seed of a codec's first repetition."""
+        return (codec.seeds or self.seeds)[0]
+
 
 @dataclass(frozen=True)
 class Task:
@@ -134,7 +139,7 @@ class Task:
     @property
     def name(self) -> str:
         """The name of the job: material/label/seed."""
-        return f"{self.material.name}/{self.codec.label}/{self.repetition}"
+        return job_name(self.material.name, self.codec.label, self.repetition)
 
     @property
     def base(self) -> Job:

@@ -7,7 +7,7 @@ memory that were measured on the device. The results are timings among the run's
 scored, and another, with its time, when it is timed; then it is not measured again.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from types import ModuleType
@@ -24,7 +24,6 @@ from bench.data.spec import MaterialSpec
 from bench.demand.mitsuba.lobes import fitted
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError, installed
-from bench.machine.devices import is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.metrics import metric_of
@@ -44,11 +43,9 @@ from bench.records import (
     deciding_group,
     load_run,
     metrics_of,
-    run_so_far,
 )
-from bench.records.schema import trade_name
+from bench.records.schema import job_name, trade_name
 from bench.runs import runner
-from bench.runs.estimate import duration
 from bench.runs.evaluation import Slices, material_of_job
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.runs.workbench import Opening, Workbench, open_workbench
@@ -57,7 +54,6 @@ from bench.timing.execution import Variant, exists_on, networks, prepared
 from bench.timing.profile import Condition, ceiling_calls, least_ns, profile, rates, roofline
 
 BATCH = 65_536  # whole chunks of every execution
-USUAL_NS = 1000.0  # of a query on a CPU, if no time is known: most codecs take 200 to 5,000
 BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)  # sizes of batches that a profile times
 
 
@@ -83,14 +79,12 @@ def run_and_measure(
     states: list[str] = []
     folder = options.folder
     suite = canonical(suite)
-    before = run_so_far(folder)
-    options = replace(options, then=_timing_in_words(suite, before, options.device, _timed_jobs(suite)))
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
         run = load_run(folder)
-        options.say(_announcement(suite, run, options.device))
+        options.say(f"{states.count('ok')} of {len(states)} jobs have a file: they are scored and timed now")
         measure(
             suite, run, options.device, full=full, show=options.show, emulated=emulated, noise=noise, profiles=profiles
         )
@@ -214,7 +208,7 @@ def _measure_profiles(trade: _Trade, spec: MaterialSpec, jobs: list[Job], batche
             row["label"] = timing.FLOOR
         row["job"] = trade_name(name, trade.device, *map(str, fields.values()))
         row |= timing.conditions(condition.threads, trade.device)
-        where = "one slice" if condition.coherent else "random uv and directions up to 75°"
+        where = "one slice" if condition.coherent else timing.RANDOM_QUERIES
         row["queries"] = f"{where}, footprint {condition.footprint:g}"
         trade.write(row | cast(Timing, fields) | measured.summary())
 
@@ -258,66 +252,19 @@ def _variants_on(suite: Suite, device: torch.device, emulated: bool) -> tuple[li
 def _jobs_of(run: Run, suite: Suite, spec: MaterialSpec) -> list[Job]:
     """The jobs on one material that are timed, as far as the run has them."""
     jobs = []
-    for name in _timed_jobs(replace(suite, materials=(spec,))):
+    for name in timed_jobs(replace(suite, materials=(spec,))):
         job = run.job(name)
         if job is not None:  # None: its record is missing
             jobs.append(job)
     return jobs
 
 
-def _announcement(suite: Suite, run: Run, device: str) -> str:
-    """How many files are timed now, and about how long: `5 files to score and time, about 2 min of timing`."""
-    done = []  # names of jobs that have a file
-    for name in _timed_jobs(suite):
-        job = run.job(name)
-        if job is not None and job["status"] == "ok":
-            done.append(name)
-    files = f"{len(done)} file{'s' if len(done) != 1 else ''}"
-    return f"{files} to score and time, {_timing_in_words(suite, run, device, done)}"
-
-
-def _timing_in_words(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
-    """About how long it takes to time these jobs, in words.
-
-    A query is expected to take what a run measured before or, where it did not, what it takes with most codecs. Each
-    contestant, a file in one variant, is timed in `timing.TURNS` turns, and each turn is followed by one of the floor,
-    a look-up of a colour, which times are multiples of. No turn is shorter than about `timing.SPAN_NS`.
-    """
-    target = torch.device(device)
-    entries = _timed_jobs(suite)
-    batch = timing.batch_on(target, BATCH)
-    timed_variants, _ = _variants_on(suite, target, emulated=False)  # besides eager float32
-    seconds = 0.0
-    for name in names:
-        # A turn calls the job's decoder once for `batch` queries, or as often as fill the shortest turn.
-        turn_ns = max(timing.SPAN_NS, batch * _expected_ns(run, name, target))
-        floor_ns = timing.SPAN_NS  # the floor is quick, so its turn is the shortest
-        contestants = 1 + len(timed_variants)
-        if entries[name].swept:  # it is timed in eager float32 alone
-            contestants = 1
-        seconds += 1e-9 * timing.TURNS * (turn_ns + floor_ns) * contestants
-    return f"about {duration(seconds)} of timing"
-
-
-def _expected_ns(run: Run, name: str, device: torch.device) -> float:
-    """How many ns a query of a job takes: as measured in a run before or, without that, as with most codecs."""
-    job = run.job(name)
-    if job is not None:
-        measured = run.timing(job)
-        if measured is not None:
-            return measured["ns_per_sample"]
-    if is_gpu(device):
-        return 0.0  # a turn on a GPU is the shortest possible
-    return USUAL_NS
-
-
-def _timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
+def timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
     """The entries of a suite by the names of the jobs that are timed: those of the first seed of each entry."""
     entries = {}
     for material, codec, seed in suite.cells:
-        first_seed = (codec.seeds or suite.seeds)[0]
-        if seed == first_seed:
-            entries[f"{material.name}/{codec.label}/{seed}"] = codec
+        if seed == suite.first_seed(codec):
+            entries[job_name(material.name, codec.label, seed)] = codec
     return entries
 
 

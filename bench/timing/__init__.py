@@ -36,6 +36,7 @@ TURNS = 30
 BATCH = 16_384
 GPU_BATCH = 1 << 20  # with fewer a GPU's time counts its launches
 FLOOR = "floor"
+RANDOM_QUERIES = "random uv and directions up to 75°"  # in words, those that are not coherent
 
 Clock = Callable[[], int]  # tells a time on the CPU in ns
 SPAN_NS = 3_000_000  # an inner loop runs about this long: far above the clock's resolution, below what disturbs both
@@ -125,15 +126,14 @@ def hardware(device: torch.device | str) -> records.Timing:
 
 
 def conditions(threads: int, device: str) -> records.Timing:
-    """The conditions under which `time_materials` measures, to be published with its figures."""
+    """The usual conditions of a time, to be recorded with it; who measures under others replaces these."""
     stated: records.Timing = {
         "batch": batch_on(device),
         "dtype": "float32",
         "threads": threads,
         "device": device,
         "execution": "eager",
-        "queries": "random uv and directions up to 75°, footprint 0",
-        "texture_fetch": True,
+        "queries": f"{RANDOM_QUERIES}, footprint 0",
     }
     return stated | hardware(device)
 

@@ -128,38 +128,44 @@ def strip(run: Run, budget: Budget) -> Figure | None:
         best_three = alike[:3]
         if len(best_three) < 3:
             continue
-        best, _ = best_three[0]
+        best, pictures = best_three[0]
         # Without the scores of slices there is no median: another surface may have them.
         scores = arrays(run.folder, best, "slices", ("pairs", PSNR))
-        if scores:
+        if scores and scores.keys() >= {"pairs", PSNR}:
             with style():
-                return _strip(material, best_three, scores)
+                return _strip(material, best_three, _median_place(pictures["pairs"], scores))
     return None
 
 
-def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
-    """The truth and the decoded pictures of one slice side by side, at which the best codec has its median error.
+def _median_place(pairs: np.ndarray, scores: Arrays) -> int:
+    """The place among the shown `pairs` of the one with the median error; `scores` has `pairs` and mean squared errors,
+    by the name of PSNR."""
+    error_of = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
+    places_by_error = sorted(range(len(pairs)), key=lambda place: error_of[pairs[place]])
+    return places_by_error[len(pairs) // 2]
 
-    `best_three` are jobs with their pictures, the best first; `scores` has the `pairs` and errors (mean squared, by
-    the name of PSNR) of the best one.
+
+def _caption(job: Job) -> str:
+    """A codec with its PSNR and size, as it stands below a picture."""
+    bits = round(8 * job["bytes"]["total"] / prod(job["shape"]))
+    return f"{job['codec']}: {fixed(stats_of(job, PSNR)['mean'], 2)} dB, {bits} bits a texel"
+
+
+def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], place: int) -> Figure:
+    """The truth and the decoded pictures side by side of the slice at a place among the shown ones.
+
+    `best_three` are jobs with their pictures, the best first.
     """
     _, first = best_three[0]
     truth = first["truth"]
-    pairs = first["pairs"]
-    errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
-    places_by_error = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])
-    median = places_by_error[len(pairs) // 2]  # the place of the slice that is shown
     factor = math.ceil(2 * CELL / max(truth.shape[1:3]))  # at least twice the size of a contact sheet's pictures
-    words = [f"{material}, truth"]  # below each column
-    for job, _ in best_three:
-        bits = round(8 * job["bytes"]["total"] / prod(job["shape"]))
-        words.append(f"{job['codec']}: {fixed(stats_of(job, PSNR)['mean'], 2)} dB, {bits} bits a texel")
+    words = [f"{material}, truth", *(_caption(job) for job, _ in best_three)]  # below each column
     height = factor * truth.shape[1]
     width = factor * truth.shape[2]
     sheet = Sheet(4 * (width + _GAP) - _GAP, height + _BOTTOM)
     slices = [truth, *(pictures["decoded"] for _, pictures in best_three)]  # each of all shown pairs
     for column, slices_of_column in enumerate(slices):
-        sheet.picture(column * (width + _GAP), 0, enlarged(slices_of_column[median], factor))
+        sheet.picture(column * (width + _GAP), 0, enlarged(slices_of_column[place], factor))
         sheet.text(column * (width + _GAP), height + _BOTTOM / 2, words[column])
     return Figure(material, "strip", f"{material}: truth and decoded; PSNR: mean over test slices", sheet.png(), sheet)
 

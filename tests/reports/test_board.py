@@ -243,13 +243,11 @@ def test_pages_that_are_not_made_anew_are_removed_and_other_files_stay(made, tmp
     assert {path.name for path in tmp_path.glob("*.html")} == names
 
 
-def test_several_sources_need_a_site_and_the_old_command_names_the_new_one(made, tmp_path, capsys):
+def test_several_sources_need_a_site(made, capsys):
     made.job()
     for places in ([str(made.folder)] * 2, [str(made.folder / "records.jsonl")]):
         assert cli.main(["report", *places]) == 2
         assert "give --site" in capsys.readouterr().err
-    assert cli.main(["results", "write", "--site", str(tmp_path / "s"), "--records", str(tmp_path)]) == 2
-    assert "`report docs/results" in capsys.readouterr().err
     assert cli.main(["results", "write"]) == 2
     assert "Markdown" in capsys.readouterr().err
 

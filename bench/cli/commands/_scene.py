@@ -44,12 +44,23 @@ def demand_file(options: argparse.Namespace, folder: Path, console: Console) -> 
     return file
 
 
+def is_mitsuba(scene: str) -> bool:
+    """Whether the name of a scene is that of a Mitsuba file."""
+    return scene.endswith(".xml")
+
+
+def refuse_mitsuba_options(options: argparse.Namespace, *names: str) -> None:
+    """Raise `InputError` for the first of these options that is given: they are for Mitsuba scenes alone."""
+    for name in names:
+        if getattr(options, name) is not None:
+            raise InputError(f"--{name}: only for a Mitsuba scene, an .xml file: {options.scene} has one material")
+
+
 def _scene(options: argparse.Namespace) -> Caster:
     """The scene that the options name: one of the suite or of a TOML file, or one of Mitsuba by its ending .xml."""
     path = Path(options.scene)
-    if path.suffix != ".xml":
-        if options.bsdf:
-            raise InputError(f"--bsdf: only for a Mitsuba scene, an .xml file: {path} has one material")
+    if not is_mitsuba(options.scene):
+        refuse_mitsuba_options(options, "bsdf")
         return TextScene(named_scene(options.scene))
     if not path.is_file():
         raise InputError(f"{path}: there is no such file: check the path")

@@ -45,7 +45,7 @@ from bench.program.recording import program_of
 from bench.records import PSNR, Job, Run, Timing, counted, load_run, run_so_far, timed_on
 from bench.runs.runner import Options
 from bench.runs.suite import Suite, canonical, load_suite, with_changes
-from bench.runs.trade import run_and_measure
+from bench.runs.trade import run_and_measure, timed_jobs
 from reports import artefacts
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import shader
@@ -250,8 +250,10 @@ def _command(suite: Suite, row: Timing, device: str) -> str:
         if value != defaults[key] and not kind.ignores(spec, f"data.{key}"):
             word = "true" if value is True else value
             words += ["--set", f"data.{key}={word}"]
-    if suite.seeds[0]:
-        words += ["--seed", str(suite.seeds[0])]
+    (codec,) = (codec for codec in suite.codecs if codec.label == row["label"])
+    seed = suite.first_seed(codec)
+    if seed:
+        words += ["--seed", str(seed)]
     if suite.threads != 1:
         words += ["--threads", str(suite.threads)]
     if device != "cpu":
@@ -323,13 +325,17 @@ def _by_frames(run: Run, rungs: list[Rung], demand: str) -> list[Rung]:
 def _measure(folder: Path, suite: Suite, options: argparse.Namespace, missing: list[str]) -> None:
     """Run a trade over the suite, which fits only the missing settings that no earlier start has fitted."""
     run = run_so_far(folder)
-    names = [f"{suite.materials[0].name}/{label}/{suite.seeds[0]}" for label in missing]
-    # By an earlier start that ended before it timed them.
-    fitted = [name for name in names if (run.job(name) or {}).get("status") == "ok"]
-    count = f"{len(missing)} of {len(suite.codecs)} settings of {suite.name}"
-    what = f"{len(missing) - len(fitted)} to fit and score, all to time"
+    to_fit = 0  # an earlier start may have fitted a setting, and ended before it timed it
+    for name, codec in timed_jobs(suite).items():
+        job = run.job(name)
+        if codec.label in missing and (job is None or job["status"] != "ok"):
+            to_fit += 1
+    settings = f"{len(missing)} of {len(suite.codecs)} settings of {suite.name}"
     with Console() as console:
-        console.say(f"{suite.materials[0].name}: {count} are not measured in {folder}: {what}")
+        console.say(
+            f"{suite.materials[0].name}: {settings} are not measured in {folder}: {to_fit} to fit and score, all to "
+            "time"
+        )
         device = usable_device(options.device)
         seats = workers(options.jobs, suite.threads, options.device)
         run_options = Options(folder, device, show=console.show, say=console.say, workers=seats)

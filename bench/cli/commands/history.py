@@ -14,8 +14,6 @@ examples:
 import argparse
 import math
 import re
-import sys
-import warnings
 from pathlib import Path
 
 import pandas as pd
@@ -41,12 +39,7 @@ def run(options: argparse.Namespace) -> int:
     """Print, write or plot the records of many runs; returns `FINE`, or `NOTHING` if they have no jobs."""
     if options.out and options.out.suffix not in (".csv", ".parquet"):
         raise InputError(f"--out {options.out}: the name must end in .csv or .parquet")
-    # Warnings of unreadable lines become lines of this command.
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        frame = load_runs(options.runs)
-    for warning in caught:
-        print(f"neubtf-bench: {visible(str(warning.message))}", file=sys.stderr)
+    frame = load_runs(options.runs)
     if frame.empty:
         print("these runs have no records of jobs")
         return NOTHING

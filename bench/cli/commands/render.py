@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.cli.commands import assignments, say_line, several, usable_device
+from bench.cli.commands._scene import is_mitsuba, refuse_mitsuba_options
 from bench.cli.console import Console
 from bench.codecs.container import Header, read_header
 from bench.codecs.loading import load
@@ -63,11 +64,9 @@ def run(options: argparse.Namespace) -> int:
         value = getattr(options, name)
         if value is not None and not low <= value <= high:
             raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
-    if options.scene.endswith(".xml"):
+    if is_mitsuba(options.scene):
         return _path_traced(options)
-    for name in ("bsdf", "samples"):
-        if getattr(options, name) is not None:
-            raise InputError(f"--{name}: only for a Mitsuba scene, an .xml file: {options.scene} has one material")
+    refuse_mitsuba_options(options, "bsdf", "samples")
     return _drawn(options)
 
 

@@ -52,8 +52,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add.add_argument("file", type=Path, metavar="FILE", help="a .jsonl file; its own records stay")
     rewrite = actions.add_parser("write", help="write the tables again")
     rewrite.add_argument("documents", type=Path, nargs="*", metavar="DOC", help="a Markdown file")
-    for moved in ("--site", "--records", "--runs"):
-        rewrite.add_argument(moved, dest="moved", help=argparse.SUPPRESS)
     check = actions.add_parser("check", help="fail if a table is out of date")
     check.add_argument("documents", type=Path, nargs="+", metavar="DOC", help="a Markdown file")
     _archives.pack_arguments(actions.add_parser("pack", help="pack a run into an archive that others can verify"))
@@ -68,8 +66,6 @@ def run(options: argparse.Namespace) -> int:
         return _archives.verify_archive(options)
     if options.action == "add":
         return _add(options.run, options.file)
-    if options.action == "write" and options.moved:
-        raise InputError("`results write --site DIR` is now `report docs/results RUN… --site DIR`")
     if not options.documents:
         raise InputError("results write: name a Markdown file")
     stale = [path for path in options.documents if _is_stale(path, options.action == "write")]

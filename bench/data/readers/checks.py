@@ -56,25 +56,30 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
     with np.errstate(over="ignore", invalid="ignore"):
         vectors = np.asarray(vectors, np.float64)
         length = np.linalg.norm(vectors, axis=1)
-    good = np.isfinite(length) & (np.abs(length - 1) <= tolerance)
+        good = np.abs(length - 1) <= tolerance  # NaN and infinity are not
     if not good.all():
         row = int(np.argmin(good))
         raise InputError(f"{label(row)}: {_listed(vectors[row])} is not a unit vector: give x y z of length 1")
     above = vectors[:, 2] > HORIZON
     if not above.all():
         row = int(np.argmin(above))
-        below = int((~above).sum())
-        remedy = ": leave this entry out"
-        # Many directions below the surface mean that the axes differ; if all are, the sign does. One alone shows
-        # neither.
-        if below > max(1, MANY_BELOW * len(above)):
-            remedy = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
-        if below > 1 and (vectors[:, 2] < -HORIZON).all():
-            remedy = (
-                f"; nor is any of the {below:,}: they seem to be negated: give the way from the surface, -1 times each"
-            )
-        raise InputError(f"{label(row)}: {_listed(vectors[row])} is not above the surface (z > 0){remedy}")
+        fault = f"{label(row)}: {_listed(vectors[row])} is not above the surface (z > 0)"
+        raise InputError(f"{fault}: {_remedy_below(vectors)}")
     return (vectors / length[:, None]).astype(np.float32)
+
+
+def _remedy_below(vectors: Array) -> str:
+    """What to do about directions (N, 3) of which at least one is not above the surface.
+
+    Many of them mean that the axes differ; all of them, that the sign does. One alone shows neither.
+    """
+    z = vectors[:, 2]
+    below = int((z <= HORIZON).sum())
+    if below > 1 and (z < -HORIZON).all():
+        return f"all {below:,} are below it, so they seem to be negated: give the way from the surface, -1 times each"
+    if below > max(1, MANY_BELOW * len(z)):
+        return f"{below:,} of {len(z):,} are not, so the axes may differ: is y up in your data? z must be the normal"
+    return "leave this entry out"
 
 
 def different_directions(theta: Array, phi: Array, label: Callable[[int], str], suffix: str = "") -> Array:

@@ -33,7 +33,7 @@ class Maker:
         numbers = {PSNR: psnr, FLIP: flip, SSIM: get("ssim", 0.9)}
         stats = {name: self._stats(numbers[name]) for name in record["metrics"]}
         record["scores"] = {name: {"slices": 4, "metrics": stats} for name in ("all", "train", "heldout")}
-        footprint = {"psnr_display": psnr, "exact": 4 * (psnr is None), "slices": 4}
+        footprint = {"psnr_display": psnr, "mean": psnr, "exact": 4 * (psnr is None), "slices": 4}
         record["footprints"] = dict.fromkeys(("1", "2"), footprint)
         size = get("size", 64_000)
         record["bytes"] = {"decoder": 6_000, "texture": size - 6_500, "other": 0, "header": 500, "total": size}

@@ -69,19 +69,6 @@ def test_jobs_side_by_side_share_the_time(clock):
     assert numbers(run.progress) == [4, 6, 1]
 
 
-def test_what_follows_the_jobs_is_told_until_the_last_has_ended(clock):
-    run = Estimate({"a": Effort("pca"), "b": Effort("pca"), "c": Effort("vq")}, "", then="2 min")
-    assert numbers(run.first_message) == [3, 3, 2]
-    clock[0] = 180
-    run.count_ended(ended("c"), "")
-    assert numbers(run.progress) == [1, 3, 2]
-    run.count_ended(ended("a"), "record")
-    run.seconds["pca"], run.steps["pca"] = 180.0, 1
-    assert numbers(run.progress) == [2, 3, 3, 2]
-    run.count_ended(ended("b"), "")
-    assert numbers(run.progress) == [3, 3]
-
-
 def test_the_effort_of_a_job_is_its_codec_and_the_steps_of_its_fit():
     assert Effort.of(CodecSpec("pca")) == ("pca", 1)
     assert Effort.of(CodecSpec("neumip", {"steps": 70})) == ("neumip", 70)

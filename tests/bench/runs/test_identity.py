@@ -33,7 +33,7 @@ def package(tmp_path, monkeypatch):
 
 
 def forget():
-    for cached in (subject._identity, subject._file, subject._source):
+    for cached in (subject._identity, subject._source):
         cached.cache_clear()
 
 
@@ -77,7 +77,7 @@ def test_a_codec_that_inherits_from_the_standard_library_has_the_same_identity_a
 
 def changed_source(monkeypatch, tmp_path, module):
     forget()
-    file = subject._file
+    file = subject.source_of
 
     def other(name):
         if name != module:
@@ -86,7 +86,7 @@ def changed_source(monkeypatch, tmp_path, module):
         path.write_text(file(name).read_text() + "\nCHANGED = True\n")
         return path
 
-    monkeypatch.setattr(subject, "_file", other)
+    monkeypatch.setattr(subject, "source_of", other)
 
 
 @pytest.mark.parametrize(

@@ -245,15 +245,6 @@ def test_jobs_stand_in_the_order_of_the_suite_in_whatever_order_they_end(tmp_pat
     assert len(lines) == 5
 
 
-def test_workers_that_do_not_see_the_folder_are_refused_before_any_job(tmp_path):
-    executor = Elsewhere()
-    workers = Workers(executor, 1000, everywhere=lambda see, *what: {"tcp://near:1": see(*what), "tcp://far:1": False})
-    with pytest.raises(InputError, match=r"run: .*tcp://far:1"):
-        outcomes(tmp_path / "run", workers=lambda: nullcontext(workers))
-    assert executor.calls == []
-    assert not list((tmp_path / "run").iterdir())
-
-
 @pytest.mark.long
 def test_a_worker_that_joins_later_and_does_not_see_the_folder_stops_the_run_and_what_is_done_is_kept(tmp_path):
     elsewhere = tmp_path / "elsewhere"

@@ -477,28 +477,6 @@ def test_choose_measures_what_is_missing(measured, fresh, monkeypatch, capsys):
         assert ("2 of 3" in capsys.readouterr().out) == measures
 
 
-def test_the_timing_that_follows_is_told_before_and_during_the_fits(tmp_path, monkeypatch):
-    monkeypatch.setattr(trade, "exists_on", lambda variant, device: variant == Variant.parse("eager bfloat16"))
-    monkeypatch.setattr(native, "emulated", lambda precision, device: False)
-    monkeypatch.setattr(timing, "TURNS", 60)  # other tests of this file lower these for all that follow
-    monkeypatch.setattr("bench.timing.SPAN_NS", 3_000_000)
-    monkeypatch.setattr(trade, "BATCH", 65_536)
-    asked = []
-    monkeypatch.setattr(trade.runner, "run", lambda suite, options: asked.append(options) or iter(()))
-    swept = CodecSpec("pca", {"components": 2}, ("components",))
-    own = replace(SUITE, codecs=(CodecSpec("mean-colour"), swept), seeds=(0, 1))
-    earlier = SimpleNamespace(
-        job=lambda name: {"job": name} if name == "tiny/mean-colour/0" else None,
-        timing=lambda job: {"ns_per_sample": 90_000.0},
-    )
-    monkeypatch.setattr(trade, "run_so_far", lambda folder: earlier)
-    trade.run_and_measure(own, Options(tmp_path), print)
-    # 60 turns of 65,536 samples: of one file at 90 µs in two precisions, of the other at 1 µs in one.
-    assert round(65_536 * (2 * 90e-6 + 1e-6)) == 12
-    (options,) = asked
-    assert "12 min" in options.then
-
-
 def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(measured, tmp_path, monkeypatch, capsys):
     asked = []
     monkeypatch.setattr(
