@@ -125,7 +125,7 @@ def markdown(comparison: Comparison) -> str:
     if rows:
         others = [row.shown for row in rows]
         times = [_time(row) for row in rows]
-        rest = grid(_combined(rows, others, "time, × mean-colour", times))
+        rest = grid(_combined(rows, others, "time, × floor", times))
         # The empty line lets GitHub read the table inside the HTML as Markdown.
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
     blocks += [escaped(note) for note in comparison.notes]
@@ -201,7 +201,7 @@ def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
         differences = [_difference(_find(row.shown, quantity)) for quantity in quantities]
         cells.append([row.label, *differences, _time(row)])
     title = f"{material}: everything else"
-    return [Table("compare", title, [*headers, ("time", "× mean-colour")], cells)]
+    return [Table("compare", title, [*headers, ("time", "× floor")], cells)]
 
 
 def _difference(change: Change | None) -> str:
@@ -255,7 +255,7 @@ def _cell(change: Change | None) -> str:
 
 
 def _time(row: ComparedRow) -> str:
-    """The mean times of a query in both runs, as multiples of that of the codec `mean-colour`: "2.10 → 2.05".
+    """The mean times of a query in both runs, as multiples of the floor's: "2.10 → 2.05".
 
     A dash if a run has no time, or they cannot be compared.
     """

@@ -6,8 +6,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, cast
 
 from rich.console import Console as RichConsole
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID, TextColumn
-from rich.text import Text
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from bench.codecs.container import Header
 from bench.inputs.errors import visible
@@ -15,27 +14,10 @@ from bench.metrics import stats_of
 from bench.records import MOST_DB, PSNR
 
 SILENCE = 10.0  # without a terminal, seconds between two lines of progress
+PACE = 600.0  # seconds before now, of which a bar's pace is the mean: a step may take minutes
 
 if TYPE_CHECKING:
     from bench.runs.job import Outcome
-
-
-class _TimeLeft(ProgressColumn):
-    """The time left at the mean pace so far; empty before the first step, and if the remark already says it."""
-
-    def render(self, task: Task) -> Text:
-        """`MINUTES:SECONDS left`. `Console.show` gives the task its fields: `start_at`, the steps done at first, and
-        `moved_at`, when the latest ended."""
-        steps = task.completed - task.fields["start_at"]
-        if task.description.endswith(" left") or steps <= 0 or task.elapsed is None or task.total is None:
-            return Text("")
-        idle = time.monotonic() - task.fields["moved_at"]  # seconds since the last step ended
-        pace = (task.elapsed - idle) / steps  # seconds a step
-        remaining = task.total - task.completed  # steps, with the one that runs now
-        # The running step may take longer than those before; never show less than the steps after it need.
-        seconds_left = max(pace * remaining - idle, pace * (remaining - 1))
-        minutes, seconds = divmod(round(seconds_left), 60)
-        return Text(f"{minutes}:{seconds:02} left")
 
 
 class Console:
@@ -44,8 +26,16 @@ class Console:
     def __init__(self) -> None:
         """No bar is shown yet; without a terminal there are none at all."""
         self.out = RichConsole(highlight=False)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _TimeLeft())
-        self.bars = Progress(*columns, console=self.out, transient=True, disable=not self.out.is_terminal)
+        self.bars = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(compact=True),
+            console=self.out,
+            transient=True,
+            disable=not self.out.is_terminal,
+            speed_estimate_period=PACE,
+        )
         self.tasks: dict[str, TaskID] = {}
         self.passes: Counter[str] = Counter()  # by bar: how often it began
         self.tenths: dict[str, int] = {}  # by bar: the last tenth of its pass that was printed, without a terminal
@@ -70,11 +60,11 @@ class Console:
 
         bar, _, _ = label.partition(REMARK)
         if bar not in self.tasks:
-            self.tasks[bar] = self.bars.add_task(label, total=total, start_at=done)
+            self.tasks[bar] = self.bars.add_task(label, total=total, completed=done)
             self.passes[bar] += 1
             self.tenths[bar] = -1  # none yet
         task = self.tasks[bar]
-        self.bars.update(task, description=label, completed=done, total=total, moved_at=time.monotonic())
+        self.bars.update(task, description=label, completed=done, total=total)
         tenth = 10 * done // max(total, 1)
         if not self.out.is_terminal and tenth > self.tenths[bar] and time.monotonic() - self.spoke >= SILENCE:
             which = f" (pass {self.passes[bar]})" if self.passes[bar] > 1 else ""

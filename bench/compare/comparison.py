@@ -17,7 +17,7 @@ from itertools import chain
 from statistics import fmean
 
 from bench.compare.quantities import Tolerance
-from bench.compare.rows import ORDER, UNIT, ComparedRow, advice, compare_row, gravest_verdict, multiples
+from bench.compare.rows import ORDER, ComparedRow, advice, compare_row, gravest_verdict, multiples
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
 from bench.records import Job, Run, RunStart, Stress, by_row, codec_of, grouped, require
@@ -90,9 +90,8 @@ def compare(
     before = _jobs_to_compare(base, materials, codecs)
     after = _jobs_to_compare(new, materials, codecs)
     before = _with_current_labels(before, after)  # a default that changed, changes labels
-    # Times are multiples of `mean-colour`, which `codecs` may leave out.
-    times_before = multiples([*before, *_left_out(UNIT, base, before)], list(base.timings))
-    times_after = multiples([*after, *_left_out(UNIT, new, after)], list(new.timings))
+    times_before = multiples(before, base.timings)
+    times_after = multiples(after, new.timings)
     declared_seeds = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
     if not declared_seeds:  # no start says its seeds
         declared_seeds = {job["seed"] for job in after}
@@ -123,12 +122,6 @@ def _jobs_to_compare(run: Run, materials: Sequence[str], codecs: Sequence[str]) 
             require(job, "comparison", run.folder)
         jobs.append(job)
     return jobs
-
-
-def _left_out(label: str, run: Run, chosen: Sequence[Job]) -> list[Job]:
-    """The jobs of a run with a label that are not among those chosen."""
-    names = {job["job"] for job in chosen}
-    return [job for job in run.jobs if job["label"] == label and job["job"] not in names]
 
 
 def _pattern_names(pattern: str, row: ComparedRow) -> bool:

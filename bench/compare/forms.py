@@ -115,7 +115,7 @@ def tracker(run: Run) -> dict[str, str]:
     """The text of each of `FILES` by its name: the means over seeds of each row of finished jobs, and its time."""
     entries: dict[str, list[dict[str, Any]]] = {name: [] for name in FILES.values()}
     rows = by_row(job for job in run.jobs if job["status"] == "ok")
-    timed = multiples(list(chain.from_iterable(rows.values())), list(run.timings))
+    timed = multiples(chain.from_iterable(rows.values()), run.timings)
     for row, jobs in rows.items():
         for quantity in [*deciding(jobs[0]), *undeciding(jobs[0])]:
             values_of_seeds = [quantity.value(job) for job in jobs]
@@ -128,7 +128,7 @@ def tracker(run: Run) -> dict[str, str]:
             name = "/".join((*row, quantity.name))  # material/label/quantity
             entries[FILES[quantity.better]].append(_entry(name, unit, values))
         if row in timed:
-            entry = _entry("/".join((*row, "time")), "× mean-colour", [timed[row].mean])
+            entry = _entry("/".join((*row, "time")), "× floor", [timed[row].mean])
             low, high = timed[row].interval
             entries[FILES["lower"]].append(entry | {"range": f"{low:.3g} to {high:.3g}"})
     return {name: json.dumps(listed, indent=1, ensure_ascii=False) + "\n" for name, listed in entries.items()}

@@ -1,20 +1,20 @@
 """Compares one row: a material and a codec with its settings, in two runs.
 
 The base is the older run, new the one under test. A *quantity* is a number of a record, such as PSNR; a `Change` holds
-its means in both runs and the verdict. Decoding times are compared as multiples of `mean-colour` timed in the same run;
-they are shown and decide nothing.
+its means in both runs and the verdict. Decoding times are compared as multiples of the floor timed with them; they are
+shown and decide nothing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from statistics import fmean
 
 from bench.codecs.alike import obstacles
 from bench.compare.paired import interval_between_runs
 from bench.compare.quantities import MAIN, deciding, undeciding
 from bench.compare.verdicts import Change, Verdict, is_random, judge, other_settings, why_fits_unlike, why_unlike
-from bench.records import CONDITIONS, Job, Run, Timing, by_row, grouped
+from bench.records import CONDITIONS, Job, Run, Timing, by_row
 
-UNIT = "mean-colour"  # the label whose time is the unit of times
 FACTOR = 1.25  # a smaller change of a ratio is not mentioned
 ABSENT = "no such job in the run"
 # The verdicts on a row that has numbers or jobs to judge, the gravest first.
@@ -23,7 +23,7 @@ ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BE
 
 @dataclass(frozen=True)
 class Multiple:
-    """A decoding time as a multiple of that of `mean-colour`, which answers every query with one stored colour.
+    """A decoding time as a multiple of the floor's, one bilinear fetch of a colour, over the seeds of a row.
 
     `interval` is the 95 % interval that contains those of all seeds, and `conditions` are values of `CONDITIONS`, such
     as the device.
@@ -58,40 +58,16 @@ def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
     return Advice(base, new)
 
 
-def multiples(jobs: Sequence[Job], timings: Sequence[Timing]) -> dict[tuple[str, str], Multiple]:
-    """Times by row, (material, label). A time is divided by those of `mean-colour` taken in the same start of the run,
-    because the speed of the machine may change between two starts; rows without such a time are left out.
-    """
-    by_job = {timing["job"]: timing for timing in timings}
-    timed = by_row(job for job in jobs if job["job"] in by_job)
-    timings_of: dict[tuple[str, str], list[Timing]] = {}  # by row, one a seed
-    for row, jobs_of_row in timed.items():
-        timings_of[row] = [by_job[job["job"]] for job in jobs_of_row]
-    multiple_of_row = {}
-    for (material, label), timings_of_row in timings_of.items():
-        multiple = _multiple(timings_of_row, timings_of.get((material, UNIT), []))
-        if multiple is not None:
-            multiple_of_row[material, label] = multiple
-    return multiple_of_row
-
-
-def _multiple(ours: list[Timing], floors: list[Timing]) -> Multiple | None:
-    """The times `ours` of a row as multiples of those of `mean-colour`, `floors`, in the same start of the run; None if
-    no start timed both."""
-    floor: dict[str, float] = {}  # by start: the mean time of `mean-colour`
-    for start, of_start in grouped(floors, lambda timing: timing["run"]).items():
-        floor[start] = sum(timing["ns_per_sample"] for timing in of_start) / len(of_start)
-    ours = [timing for timing in ours if timing["run"] in floor]
-    if not ours:
-        return None
-    means = []
-    bounds = []
-    for timing in ours:
-        unit = floor[timing["run"]]
-        means.append(timing["ns_per_sample"] / unit)
-        bounds += [bound / unit for bound in timing["interval95_ns"]]
-    conditions = [ours[0].get(name) for name in CONDITIONS]
-    return Multiple(sum(means) / len(ours), (min(bounds), max(bounds)), conditions)
+def multiples(jobs: Iterable[Job], timings: Iterable[Timing]) -> dict[tuple[str, str], Multiple]:
+    """Times over the seeds of each row, (material, label); rows without a time are left out."""
+    timing_of = {timing["job"]: timing for timing in timings if "ratio_to_floor" in timing}
+    found = {}
+    for row, jobs_of_row in by_row(job for job in jobs if job["job"] in timing_of).items():
+        of_row = [timing_of[job["job"]] for job in jobs_of_row]
+        mean = fmean(timing["ratio_to_floor"] for timing in of_row)
+        lows, highs = zip(*(timing["ratio_interval95"] for timing in of_row), strict=True)
+        found[row] = Multiple(mean, (min(lows), max(highs)), [of_row[0].get(name) for name in CONDITIONS])
+    return found
 
 
 @dataclass(frozen=True)
@@ -128,7 +104,7 @@ class ComparedRow:
         """A sentence on a notable change of decoding time; "" if there is none."""
         if self.timing is None or not self.timing.words:
             return ""
-        times = f"{self.timing.base.mean:.2f} → {self.timing.new.mean:.2f} × mean-colour"
+        times = f"{self.timing.base.mean:.2f} → {self.timing.new.mean:.2f} × floor"
         return f"decodes {self.timing.words}, {times} (a time is only advice)"
 
     def findings(self) -> list[tuple[Verdict, str]]:

@@ -339,8 +339,8 @@ class Timing(Open, total=False):
     ns_per_sample: Annotated[Positive, PUBLISHED]
     interval95_ns: Annotated[Pair, PUBLISHED]
     iqr_ns: Number
-    ratio_to_floor: Annotated[Positive, RESULTS]
-    ratio_interval95: Annotated[Pair, RESULTS]
+    ratio_to_floor: Annotated[Positive, PUBLISHED]
+    ratio_interval95: Annotated[Pair, PUBLISHED]
     ratio_least: Positive
     ratio_at_one_texel: Annotated[Positive, RESULTS]
     ratio_between_texels: Annotated[Positive, RESULTS]  # of a setting whose time is that at one texel

@@ -142,7 +142,7 @@ def test_ci_installs_the_codec_from_where_new_codec_put_it(tmp_path, monkeypatch
 def test_new_files_of_ci_are_a_suite_and_a_workflow(tmp_path, capsys):
     assert cli.main(["new", "ci", "pca", "--out", str(tmp_path)]) == 0
     suite = load_suite(str(tmp_path / "tracking.toml"))
-    assert [spec.codec for spec in suite.codecs] == ["mean-colour", "pca"]
+    assert [spec.codec for spec in suite.codecs] == ["pca"]
     assert suite.data.split == "validation"  # or margins would be those of pairs, ten times those of fits
     flow = (tmp_path / ".github" / "workflows" / "quality.yml").read_text()
     assert "${{ !cancelled() }}" in flow

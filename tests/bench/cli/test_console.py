@@ -2,7 +2,6 @@ import re
 from types import SimpleNamespace
 
 import pytest
-from rich.console import Console as RichConsole
 
 from bench.cli import console
 
@@ -12,31 +11,6 @@ def clock(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
     return now
-
-
-def terminal(clock):
-    screen = console.Console()
-    screen.out = RichConsole(force_terminal=True, width=100)
-    screen.bars = console.Progress(*screen.bars.columns, get_time=lambda: clock[0], console=screen.out)
-    return screen
-
-
-def left(screen):
-    (task,) = screen.bars.tasks
-    return console._TimeLeft().render(task).plain
-
-
-def test_the_time_left_is_that_of_the_mean_pace_and_runs_down(clock):
-    screen = terminal(clock)
-    screen.show("jobs", 2, 10)  # two were done before
-    assert left(screen) == ""
-    clock[0] += 100
-    screen.show("jobs", 4, 10)
-    assert left(screen) == "5:00 left"
-    clock[0] += 20
-    assert left(screen) == "4:40 left"
-    clock[0] += 10_000  # a job that takes longer than those before it
-    assert left(screen) == "4:10 left"
 
 
 def test_without_a_terminal_a_long_silence_is_broken(clock, monkeypatch, capsys):

@@ -49,9 +49,10 @@ class Maker:
         record = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": "1", "material": material}
         return record | {"label": label, "seed": seed, "status": status, "error": error}
 
-    def timing(self, label="pca", material="satin", seed=0, ns=500.0, spread=5.0, run="1", **changes):
+    def timing(self, label="pca", material="satin", seed=0, ns=500.0, spread=5.0, run="1", floor=100.0, **changes):
         record = {"kind": "timing", "job": f"{material}/{label}/{seed}", "run": run, "ns_per_sample": ns}
         record |= {"interval95_ns": [ns - spread, ns + spread], "batch": 16384, "dtype": "float32", "threads": 1}
+        record |= {"ratio_to_floor": ns / floor, "ratio_interval95": [(ns - spread) / floor, (ns + spread) / floor]}
         return record | {"device": "cpu", "execution": "eager", "samples_ns": [ns], "floor_ratios": [2.0]} | changes
 
     def run(self, name, *records, seeds=(0, 1, 2), **start):

@@ -44,7 +44,7 @@ def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
         r"better +satin/vq: PSNR 30\.10.*31\.10.*\+1\.00",
         "n/c +satin/other: .*version 2.*1",
         "GONE +satin/gone: ",
-        r"advice +satin/pca: .*3\.00.*6\.00.*mean-colour",
+        r"advice +satin/pca: .*3\.00.*6\.00.*floor",
     ):
         assert re.search(f"^{line}", text, re.M), line
     counts = [("8", "rows"), ("1", "failed"), ("1", "gone"), ("2", "worse"), ("1", "not"), ("1", "better")]
@@ -128,7 +128,7 @@ def test_the_tracker_gets_numbers_by_direction(make):
     psnr = {"name": "satin/vq/PSNR", "unit": "dB", "value": 31.0, "range": "± 1", "extra": "3 seeds"}
     assert higher["satin/vq/PSNR"] == psnr
     assert {"satin/vq/FLIP", "satin/vq/bytes", "satin/vq/parameters", "satin/vq/time"} <= set(lower)
-    assert (lower["satin/vq/time"]["value"], lower["satin/vq/time"]["unit"]) == (2.5, "× mean-colour")
+    assert (lower["satin/vq/time"]["value"], lower["satin/vq/time"]["unit"]) == (2.5, "× floor")
     assert higher["satin/table/PSNR"]["value"] == MOST_DB  # every slice is exact
     assert not any("pca" in name for name in [*higher, *lower])
     assert all(isinstance(entry["value"], float | int) for entry in [*higher.values(), *lower.values()])
