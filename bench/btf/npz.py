@@ -2,24 +2,26 @@
 
 import json
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from bench.btf import BTF
+from bench.btf import BTF, Array
 
 
-def write_npz(btf: BTF, path: str | Path) -> None:
+def write_npz(btf: BTF, path: str | Path, slices: Iterable[Array] | None = None) -> None:
     """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so memory stays small.
 
     Of the masks it has `heldout` alone: a reader takes validation pairs and those of low light for training pairs.
+    `slices` are those of the BTF, by default as it gives them: another iterator can watch how many were written.
     """
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
         with archive.open("radiance.npy", "w", force_zip64=True) as stream:
             # "<f4" is little-endian float32.
             header = {"descr": "<f4", "fortran_order": False, "shape": (len(btf), *btf.shape, 3)}
             np.lib.format.write_array_header_1_0(stream, header)
-            for picture in btf:
+            for picture in btf if slices is None else slices:
                 stream.write(np.ascontiguousarray(picture, "<f4").tobytes())
         provenance = np.array(json.dumps(btf.provenance, default=str))
         small = {"wo": btf.wo, "wi": btf.wi, "periodic": np.array(btf.periodic), "provenance": provenance}

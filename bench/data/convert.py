@@ -6,9 +6,9 @@ temporary name beside its final one, opened once to check that it can be read, a
 
 from pathlib import Path
 
-from bench.btf import BTF, Array, Source
+from bench.btf import BTF, Array
 from bench.btf.npz import write_npz
-from bench.codec import Progress, silent
+from bench.codec import Progress, followed, silent
 from bench.data.derived import thinned
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
@@ -37,23 +37,6 @@ def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample:
     return btf.downsample(downsample)
 
 
-class _Watched(Source):
-    """Wraps a source and tells `show` how many of `total` slices were read, each of them before it is read."""
-
-    def __init__(self, source: Source, show: Progress, total: int):
-        self.source = source
-        self.show = show
-        self.total = total
-        self.read = 0
-        self.shape = source.shape
-        self.count = source.count
-
-    def slice(self, pair: int) -> Array:
-        self.read += 1
-        self.show("writing", self.read, self.total)
-        return self.source.slice(pair)
-
-
 def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
     """Write a BTF as one `.npz` (float32) if `out` has that ending, else as a folder of EXR pictures with `pairs.csv`.
 
@@ -62,12 +45,12 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
     """
     check_place(out)
     btf = btf.without_low_light()  # no format of ours says which pairs these are, so a fit would train on them
-    btf = btf.over(_Watched(btf.source, show, len(btf)))
+    slices = followed(show, btf, "writing", len(btf))
     with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:
         if out.suffix == ".npz":
-            write_npz(btf, partial)
+            write_npz(btf, partial, slices)
         else:
-            write_folder(btf, partial)
+            write_folder(btf, partial, slices)
         open_btf(partial)  # a result that readers would refuse must not look finished
 
 

@@ -5,7 +5,6 @@ Kinds are built in, a folder of PBR maps, or measured (`bench.data.kinds`); the 
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,17 +40,7 @@ def open_material(
     `data.renderer="mitsuba"`; without one such a bake is refused. `MissingDataError` says where to get missing measured
     data.
     """
-    kind = kind_of(spec)
-    btf = kind.open(spec, data, show, draw, path_tracer)
-    # What a kind says of all its surfaces goes with the data, because records keep the provenance and not the kind.
-    kind_notes: dict[str, object] = {}
-    if kind.surface:
-        kind_notes["surface"] = kind.surface
-    if kind.free is not None:  # whether pictures of the surface may be published
-        kind_notes["free"] = kind.free
-    if not kind_notes:
-        return btf
-    return replace(btf, provenance=btf.provenance | kind_notes)
+    return kind_of(spec).open(spec, data, show, draw, path_tracer)
 
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:

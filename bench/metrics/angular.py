@@ -1,4 +1,4 @@
-"""Errors by direction: bins of view × light, grazing bands, polar maps. Numbers only, no drawing.
+"""Errors by direction: grazing bands and polar maps. Numbers only, no drawing.
 
 A pair has one *raw* number of a metric, such as its squared error. To *pool* numbers is to make one of several, in the
 metric's unit: for PSNR the decibels of their mean. Angles are of the local frame of `bench.btf`; degrees, because these
@@ -27,28 +27,14 @@ def grazing(directions: Array) -> Array:
     return theta > GRAZING_DEG + 1e-4  # up to the rounding of float32: a direction at 60° is not grazing
 
 
-def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None]]:
-    """Pool one number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None for an empty bin.
-
-    `wo` and `wi` are (N, 3), `raw` is (N,), and `pool` combines the raw numbers of a bin, which has its lower edge.
-    """
-    view_ring = _ring(wo)
-    light_ring = _ring(wi)
-    rows = []
-    for view in range(RINGS):
-        of_view = view_ring == view
-        rows.append([_pooled(raw[of_view & (light_ring == light)], pool) for light in range(RINGS)])
-    return rows
-
-
 def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     """One number for each cell of a hemisphere, pooled over all pairs whose direction falls there.
 
     `directions` are (N, 3), `raw` (N,), the numbers of the pairs; `pool` combines those of a cell.
 
     Cells are rings of 15° in θ by sectors of 30° in φ, the first sector centred on +x; the innermost ring is one
-    cell, the same number in each sector. Gives `theta_edges_deg`, `phi_centres_deg`, `value` (rings × sectors, None
-    where empty) and `count`.
+    cell, the same number in each sector. Gives `theta_edges_deg`, `phi_centres_deg` and `value` (rings × sectors, None
+    where empty).
     """
     width = 360 / SECTORS
     _, phi = to_degrees(directions)
@@ -56,7 +42,6 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     # Shifted by half a sector, because the first is centred on φ = 0, and counted around the circle.
     sector_of = np.floor((phi + width / 2) / width).astype(int) % SECTORS
     values: list[list[float | None]] = []
-    counts: list[list[int]] = []
     for ring in range(RINGS):
         in_ring = ring_of == ring
         if ring == 0:  # one cell
@@ -64,9 +49,8 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
         else:
             cells = [in_ring & (sector_of == sector) for sector in range(SECTORS)]
         values.append([_pooled(raw[cell], pool) for cell in cells])
-        counts.append([int(cell.sum()) for cell in cells])
     edges = {"theta_edges_deg": list(THETA_EDGES_DEG), "phi_centres_deg": [width * j for j in range(SECTORS)]}
-    return edges | {"value": values, "count": counts}
+    return edges | {"value": values}
 
 
 def _ring(directions: Array) -> Array:

@@ -20,7 +20,7 @@ from bench import metrics as registry
 from bench.btf import BTF, Array, box_filter
 from bench.inputs.errors import InputError
 from bench.machine.threads import cores
-from bench.metrics.angular import as_number, bins, grazing, polar_map
+from bench.metrics.angular import as_number, grazing, polar_map
 from bench.metrics.base import Picture, SliceMetric, check_radiance
 from bench.metrics.description import PERIODIC, Metric
 from bench.metrics.display import display_error, exposure_of, sample
@@ -207,8 +207,7 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     - `metrics`: by name, `mean` and `std` over the slices, `pooled` over all of them, `exact`, the number of slices
       without any error, and `slices`, the number that the metric applies to; `relative` for an error
       of radiance: pooled over the group's `radiance`; `worst` for a PSNR: its mean over the worst tenth of the
-      slices;
-    - `bins`: by name, pooled numbers of θ_o × θ_i bins (`bench.metrics.angular.bins`).
+      slices.
 
     None stands for no slice to measure.
     """
@@ -221,12 +220,12 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     for name, members in groups.items():
         chosen = np.isin(scores.pairs, members)
         masks |= {name: chosen, f"{name}, grazing view": chosen & view, f"{name}, grazing light": chosen & light}
-    return {name: _group(scores, chosen, wo, wi, loaded) for name, chosen in masks.items()}
+    return {name: _group(scores, chosen, loaded) for name, chosen in masks.items()}
 
 
 def weighted(scores: Scores, share: Array) -> Group:
     """Statistics of all scored pairs, weighted by their shares (N,), by pair of the BTF; ready for JSON. As a group of
-    `summarise`, without bins and `worst`; `slices` and `exact` count pairs with a share."""
+    `summarise`, without `worst`; `slices` and `exact` count pairs with a share."""
     share = share[scores.pairs]
     radiance = as_number(np.average(scores.radiance, weights=share)) if share.any() else None
     result: Group = {"slices": int((share > 0).sum()), "radiance": radiance, "metrics": {}}
@@ -314,11 +313,11 @@ def summarise_footprints(errors: dict[int, Array]) -> dict[str, Statistics]:
     return summary
 
 
-def _group(scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str, tuple[Metric, SliceMetric]]) -> Group:
-    """The statistics of the scored pairs that a mask (n,) chooses; see `summarise`. wo and wi are all of the BTF's."""
-    pairs = scores.pairs[chosen]
-    radiance = as_number(scores.radiance[chosen].mean()) if len(pairs) else None
-    result: Group = {"slices": len(pairs), "radiance": radiance, "metrics": {}, "bins": {}}
+def _group(scores: Scores, chosen: Array, loaded: dict[str, tuple[Metric, SliceMetric]]) -> Group:
+    """The statistics of the scored pairs that a mask (n,) chooses; see `summarise`."""
+    count = int(chosen.sum())
+    radiance = as_number(scores.radiance[chosen].mean()) if count else None
+    result: Group = {"slices": count, "radiance": radiance, "metrics": {}}
     for name, (description, metric) in loaded.items():
         raw = scores.raw[name][chosen]
         measured = raw[~np.isnan(raw)]
@@ -328,7 +327,6 @@ def _group(scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str
         if description.decibels:
             stats["worst"] = worst(metric.values(measured))
         result["metrics"][name] = stats
-        result["bins"][name] = bins(wo[pairs], wi[pairs], raw, metric.pool)
     return result
 
 

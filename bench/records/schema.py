@@ -124,7 +124,6 @@ class Group(Open, total=False):
     slices: Count
     radiance: Number | None
     metrics: Required[dict[str, Statistics]]
-    bins: Free  # kept in a file of its own
 
 
 class Point(Open, total=False):

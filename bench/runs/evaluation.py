@@ -124,9 +124,7 @@ def record_of_scores(
     finest = summary[deciding_group(workbench.groups)]["metrics"][PSNR]
     # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
     at_one_texel: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
-    # By angle: means in bins of each group of pairs, which are too large for the record, and maps over directions.
-    angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
-    angular["polar"] = scoring.polar_maps(scores, workbench.btf.wo, workbench.btf.wi)
+    angular = {"polar": scoring.polar_maps(scores, workbench.btf.wo, workbench.btf.wi)}
     parameter_count = resident = None  # an opaque material, such as another program, does not tell them
     if not material.opaque:
         parameter_count = parameters(material)

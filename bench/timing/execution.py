@@ -4,7 +4,7 @@
 | --- | --- |
 | `eager` | PyTorch's operations one by one, in chunks that fit the cache: the default of a material |
 | `compiled` | `evaluate` through torch.compile, on the network folded by `bench.timing.fused.lean` |
-| `network` | the network and its fetch as one kernel: on the CPU by Dr.Jit, on a GPU by Triton |
+| `network` | the network and its fetch as one kernel of a GPU, by Triton |
 | `fused` | all of `evaluate` as one kernel, by Dr.Jit, on the CPU or an NVIDIA GPU; float32 |
 
 A material whose `evaluate` cannot be recorded has no `fused` execution, and none has one with an LLVM that is too old
@@ -75,9 +75,7 @@ def exists_on(variant: Variant, device: torch.device) -> bool:
         return on_nvidia
     if variant.execution == "fused":  # by Dr.Jit, which knows no short floats, and no other GPUs
         return variant.precision == "float32" and (on_nvidia or not is_gpu(device))
-    if variant.execution == "network" and not is_gpu(device):  # by Dr.Jit, too
-        return variant.precision == "float32"
-    return True
+    return variant.execution != "network" or is_gpu(device)
 
 
 def prepared(material: Material, variant: Variant) -> Material:
@@ -131,33 +129,23 @@ def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> None:
 def _fused(material: Material, variant: Variant) -> Material:
     """The material as one kernel. `InputError` if it cannot be."""
     if variant.precision != "float32":
-        raise InputError(f"fused computes in float32, not {variant.precision}: use network or compiled")
+        raise InputError(f"fused computes in float32, not {variant.precision}: use compiled")
     target = target_of(material.device)
     too_old = "" if is_gpu(material.device) else unusable(plugins=True)
     if too_old:
-        raise InputError(f"{too_old}; or use network")
+        raise InputError(f"{too_old}; or use compiled")
     return _whole(material, target)
 
 
 def _with_networks_fused(material: Material, variant: Variant) -> Material:
-    """The material with its networks as kernels. `InputError` if it has none, or they cannot be."""
-    on_gpu = is_gpu(material.device)
-    if not on_gpu and variant.precision != "float32":
-        raise InputError(f"network on the CPU computes in float32, not {variant.precision}: use compiled")
+    """The material with its networks as kernels of a GPU. `InputError` if it has none, or they cannot be."""
+    if not is_gpu(material.device):
+        raise InputError("network is an execution of GPUs: use fused or compiled")
     if not networks(material):
         raise InputError("network computes decoder networks, and this codec has none: use eager or fused")
-    make: Callable[[Decoder], nn.Module]
-    if on_gpu:
-        with installed("network on a GPU needs Triton: pip install triton"):
-            from bench.timing.fused.with_triton import TritonNetwork
-        make = partial(TritonNetwork, tf32=variant.precision == "tf32")
-    else:
-        target = target_of(material.device)
-        from bench.timing.fused.with_drjit import DrJitNetwork
-
-        make = partial(DrJitNetwork, target=target)
-        material.chunk = FUSED_CHUNK
-    _replaced(material, make)
+    with installed("network needs Triton: pip install triton"):
+        from bench.timing.fused.with_triton import TritonNetwork
+    _replaced(material, partial(TritonNetwork, tf32=variant.precision == "tf32"))
     return material
 
 

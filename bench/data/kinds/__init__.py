@@ -48,8 +48,6 @@ class Kind(ABC):
     """A kind of surface."""
 
     drawn = False  # whether each repetition (a seed of a suite) draws test pairs of its own
-    surface = ""  # what tables call such a surface; "" where the BTF's provenance tells (`bench.records.kind_of`)
-    free: bool | None = None  # whether its pictures may be published; None where the provenance tells
 
     @abstractmethod
     def knows(self, spec: MaterialSpec) -> bool:

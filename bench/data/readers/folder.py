@@ -10,6 +10,7 @@ import csv
 import io
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -175,18 +176,19 @@ def _notes(path: Path) -> dict[str, Any]:
     return notes
 
 
-def write_folder(btf: BTF, path: str | Path) -> None:
+def write_folder(btf: BTF, path: str | Path, slices: Iterable[Array] | None = None) -> None:
     """Write a BTF as a folder: one EXR (float, R G B) a pair, `pairs.csv`, and `btf.json` with name and provenance.
 
     Slices are read one after another and written without loss; held-out pairs are told in the column `split`. The list
     is written last, so an unfinished folder is not a BTF. Raises `InputError` if the folder already holds one.
+    `slices`: as for `bench.btf.npz.write_npz`.
     """
     folder = Path(path)
     if (folder / LIST).exists():
         raise InputError(f"{folder}: it already holds {LIST}: choose another folder")
     make_folder(folder)
     names = [f"{index:05d}.exr" for index in range(len(btf))]
-    for name, picture in zip(names, btf, strict=True):
+    for name, picture in zip(names, btf if slices is None else slices, strict=True):
         write_exr(folder / name, picture)
     notes = {"name": btf.name, "periodic": btf.periodic, "provenance": btf.provenance, "angles": "degrees"}
     # What JSON does not know in a provenance, such as a path, is written as its text.

@@ -106,14 +106,13 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     """
     import h5py
 
-    links = file.id.links
-    name = key.encode()
     # The link is looked at, not what it leads to, because a link into another file would open that file.
-    link_type = links.get_info(name).type if links.exists(name) else None
-    if link_type is not None and link_type != h5py.h5l.TYPE_HARD:
-        link = _link_in_words(links.get_val(name))
-        raise InputError(f"{path}: {key} is {link}: copy the data set itself to {key}, as h5repack or h5copy does")
-    if link_type is None or not isinstance(file[key], h5py.Dataset):
+    link = file.get(key, getlink=True)
+    if isinstance(link, h5py.SoftLink | h5py.ExternalLink):
+        where = f" in the file {link.filename}" if isinstance(link, h5py.ExternalLink) else ""
+        remedy = f"copy the data set itself to {key}, as h5repack or h5copy does"
+        raise InputError(f"{path}: {key} is a link to {link.path}{where}: {remedy}")
+    if link is None or not isinstance(file[key], h5py.Dataset):
         listed = ", ".join(sorted(file)[:5])[:200] or "nothing"
         raise InputError(f"{path}: no data set {key} (it holds {listed}): it needs {COLOUR}, {VIEW}, {LIGHT}")
     data = file[key]
@@ -129,14 +128,6 @@ def _stored(path: Path, file: Any, key: str) -> Any:
         raise InputError(f"{path}: {key} of {data.shape} in chunks of {data.chunks} is more than its bytes can hold")
     _refuse_unwritten(path, key, data)
     return data
-
-
-def _link_in_words(value: bytes | tuple[bytes, bytes]) -> str:
-    """A link in words, for an error. `value` is the name that it leads to, or (file, name) if into another file."""
-    if isinstance(value, tuple):
-        file, name = value
-        return f"a link to {name.decode('utf-8', 'replace')} in the file {file.decode('utf-8', 'replace')}"
-    return f"a link to {value.decode('utf-8', 'replace')}"
 
 
 def _refuse_unwritten(path: Path, key: str, data: Any) -> None:

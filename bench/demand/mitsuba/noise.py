@@ -5,10 +5,10 @@ picture's mean. More samples reduce it; they do not reduce the codec's error, th
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -20,41 +20,7 @@ from bench.inputs.errors import InputError
 
 NOISE = 0.01  # share of the picture's mean
 REPEAT = 3.0  # periods of the texture
-BALL = {"type": "sphere", "radius": 0.5}
-PLANE = {"type": "rectangle"}
-
-
-def _low_sun() -> dict[str, Any]:
-    """A disc of 3° half angle, 12° above the plane."""
-    distance = 40  # in scene units: far compared with the plane, which is 2 wide
-    far, height = distance * np.cos(np.radians(12)), distance * np.sin(np.radians(12))
-    radius = distance * np.sin(np.radians(3))
-    light = {"type": "area", "radiance": {"type": "rgb", "value": 400.0}}
-    return {"type": "sphere", "center": [float(far), 0.0, float(height)], "radius": float(radius), "light": light}
-
-
-def _lamps() -> dict[str, Any]:
-    """A dim sky with six lamps of about 6° each, three hundred times as bright."""
-    picture = np.full((32, 64, 3), 0.1, np.float32)
-    for k in range(6):
-        picture[6 + 2 * (k % 3), 5 + 10 * k] = 30.0
-    return {"type": "envmap", "bitmap": mi.Bitmap(picture)}
-
-
-class _Scene(NamedTuple):
-    """A shape and a light, as Mitsuba describes them."""
-
-    shape: dict[str, Any]
-    light: Callable[[], dict[str, Any]]  # makes the description: it may need Mitsuba's variant to be set
-    light_samples: int  # samples of the light for each sample of the material
-
-
-EVEN = "ball, even sky"
-SCENES = {
-    EVEN: _Scene(BALL, lambda: {"type": "constant"}, light_samples=0),
-    "plane, low sun": _Scene(PLANE, _low_sun, light_samples=1),
-    "ball, small lamps": _Scene(BALL, _lamps, light_samples=1),
-}
+EVEN = "ball, even sky"  # the scene, in words
 
 
 @dataclass(frozen=True)
@@ -75,16 +41,14 @@ class Reached:
     seconds: float  # CPU time of all cores for the whole picture, without the fixed cost of a render
 
 
-def reached(
-    file: Path, drawn: Sequence[Tensor | None], scene: str = EVEN, picture: Picture = Picture()
-) -> list[Reached]:
+def reached(file: Path, drawn: Sequence[Tensor | None], picture: Picture = Picture()) -> list[Reached]:
     """The figures of a codec file for each of several lobes (cells, cells, 5); None draws by the cosine. All take
     turns. Raises `InputError` if Mitsuba cannot run here, or the file cannot be recorded."""
     set_variant()
     properties = mi.Properties(NAME)
     properties["filename"], properties["repeat"] = str(file), REPEAT
     bsdf = register()(properties)
-    loaded = _loaded(bsdf, scene, picture.side)
+    loaded = _loaded(bsdf, picture.side)
     pictures: list[list[np.ndarray]] = [[] for _ in drawn]
     slopes: list[list[float]] = [[] for _ in drawn]
 
@@ -122,21 +86,15 @@ def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
     return Reached(needed, needed * max(seconds, 0.0))
 
 
-def _loaded(bsdf: Any, scene: str, side: int) -> Any:
-    """One of the `SCENES` with a BSDF, as Mitsuba renders it; the picture has `side`² pixels."""
-    chosen = SCENES[scene]
+def _loaded(bsdf: Any, side: int) -> Any:
+    """A ball with a BSDF under an even sky, as Mitsuba renders it; the picture has `side`² pixels."""
     place = mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1])  # from, to, up
     film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}
     description = {
         "type": "scene",
-        "integrator": {
-            "type": "direct",
-            "bsdf_samples": 1,
-            "emitter_samples": chosen.light_samples,
-            "hide_emitters": True,
-        },
-        "shape": chosen.shape | {"bsdf": bsdf},
-        "light": chosen.light(),
+        "integrator": {"type": "direct", "bsdf_samples": 1, "emitter_samples": 0, "hide_emitters": True},
+        "shape": {"type": "sphere", "radius": 0.5, "bsdf": bsdf},
+        "light": {"type": "constant"},
         "camera": {"type": "perspective", "fov": 22.0, "to_world": place, "film": film},
     }
     return mi.load_dict(description)

@@ -68,7 +68,7 @@ class Whole(Wrapped):
         self.tables = [table for _, table in self.traced.tables.values()]
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return batched(self.target, self.kernels, self._kernel, (uv, wo, wi, footprint[:, None]), tables=self.tables)
+        return batched(self.target, self.kernels, self._kernel, (uv, wo, wi, footprint[:, None]), self.tables)
 
     def _kernel(self, n: int, *flat: Any) -> list[Any]:
         """Arrays (n,) of red, green and blue for n queries of `WIDTHS` row-major numbers."""

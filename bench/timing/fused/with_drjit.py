@@ -1,4 +1,4 @@
-"""The folded network and the texture's fetch as one kernel by Dr.Jit, with weights as literals.
+"""Kernels by Dr.Jit, and the folded network in one, with weights as literals.
 
 Every intermediate stays in registers or the innermost cache. Dr.Jit comes with the extra `mitsuba`; LLVM is the
 system's (`bench.program.llvm`). No minimum, maximum or arctangent is used: LLVM 16 and older cannot compile them.
@@ -12,7 +12,6 @@ of a block of outputs grow together, one input after the other, which is a sixth
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -21,9 +20,9 @@ from torch import Tensor
 
 from bench.inputs.errors import InputError
 from bench.timing.fused.layers import Layer, layers_of, sine_of_turns
-from bench.timing.fused.target import Target, target_of
+from bench.timing.fused.target import Target
 from bench.timing.native import features
-from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
+from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder
 
 MOST_PARAMETERS = 10_000  # with more, the code exceeds every cache, and compiling takes minutes
 BLOCK = 12  # sums that grow together, for 16 registers
@@ -37,14 +36,12 @@ def batched(
     kernels: RecordedCalls,
     kernel: Callable[..., Sequence[Any]],
     queries: tuple[Tensor, ...],
-    whole: tuple[Tensor, ...] = (),
-    tables: Sequence[Any] = (),
+    tables: Sequence[Any],
 ) -> Tensor:
     """The answers (n, outputs) of a kernel to queries (n, …), on the device of its target.
 
-    `kernel(n, *flat)` returns an array (n,) for each output; `flat` are the queries and `whole`, each as one row-major
-    array. `whole` are inputs that are not queries, such as textures; `tables` are further Dr.Jit arrays that the kernel
-    reads. Each size is recorded once.
+    `kernel(n, *flat)` returns an array (n,) for each output; `flat` are the queries, each as one row-major array, and
+    `tables` the Dr.Jit arrays that the kernel reads besides. Each size is recorded once.
     """
     n = len(queries[0])
     # The next power of two from n on, at least 16, so that there are few recordings for all batches.
@@ -61,7 +58,7 @@ def batched(
     if size not in kernels:
         kernels[size] = dr.freeze(recorded, state_fn=lambda *_: list(tables))
     padded = [_padded(column, size) for column in queries]
-    flat = [target.arrays.Float(x.float().contiguous().reshape(-1)) for x in (*padded, *whole)]
+    flat = [target.arrays.Float(x.float().contiguous().reshape(-1)) for x in padded]
     target.ready()
     out = kernels[size](*flat)
     dr.eval(out)
@@ -78,44 +75,19 @@ def _padded(column: Tensor, size: int) -> Tensor:
     return torch.cat([column, last.expand(missing, -1)])
 
 
-class DrJitNetwork(Network):
-    """Computes a `Decoder`, (n, inputs) → (n, outputs), in float32 on the device of its target."""
+class DrJitNetwork:
+    """A `Decoder` inside a kernel, in float32."""
 
-    def __init__(self, decoder: Decoder, target: Target | None = None):
-        """Take the layers of a decoder, for a target or the CPU. `InputError` if it has too many weights."""
-        super().__init__()
-        self.target = target or target_of(torch.device("cpu"))
-        self.arrays = self.target.arrays
+    def __init__(self, decoder: Decoder, target: Target):
+        """Take the layers of a decoder. `InputError` if it has too many weights."""
+        self.target = target
+        self.arrays = target.arrays
         count = decoder.architecture.parameters
         if count > MOST_PARAMETERS:
             limit = f"a network of up to {MOST_PARAMETERS:,} parameters"
             raise InputError(f"a kernel of Dr.Jit holds {limit}, but this one has {count:,}: use compiled")
         self.layers = layers_of(decoder)
-        self.inputs = decoder.architecture.inputs
         self.block = LARGE_BLOCK if "avx512f" in (features() or ()) else BLOCK
-        self.kernels: dict[tuple[int, ...] | None, RecordedCalls] = {}  # by the shape of the texture
-
-    def forward(self, inputs: Tensor) -> Tensor:
-        return self._run(inputs)
-
-    def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
-        return self._run(torch.cat([uv, first, second], 1), texture)
-
-    def _run(self, inputs: Tensor, texture: Tensor | None = None) -> Tensor:
-        """The outputs of inputs, or of (uv, other inputs) for a texture (H, W, C)."""
-        shape = None if texture is None else tuple(texture.shape)
-        kernels = self.kernels.setdefault(shape, {})
-        not_queries = () if texture is None else (texture,)
-        return batched(self.target, kernels, partial(self._kernel, shape), (inputs,), not_queries)
-
-    def _kernel(self, shape: tuple[int, ...] | None, n: int, flat: Any, texture: Any = None) -> Sequence[Any]:
-        """Row-major inputs, or (uv, other inputs), of n samples → outputs (n,) each."""
-        row = dr.arange(self.arrays.UInt32, n)
-        if shape is None:
-            return self.within(row, self._rows(flat, row, self.inputs))
-        channels = shape[2]  # the first inputs of the network, which are fetched at uv; only the others are in `flat`
-        u, v, *others = self._rows(flat, row, 2 + self.inputs - channels)
-        return self.within(row, [*self._fetch(texture, shape, u, v), *others])
 
     def within(self, row: Any, inputs: Sequence[Any]) -> tuple[Any, ...]:
         """The outputs of the network for its inputs, inside a kernel over the samples numbered by `row` (n,)."""
@@ -124,31 +96,6 @@ class DrJitNetwork(Network):
         # A switch with one case, number 0. That number must not be a constant, else LLVM would inline the function in
         # the loop. `row` is below 2³¹, so shifted right by 31 bits it is 0.
         return dr.switch(row >> 31, [self._network], *inputs)
-
-    def _fetch(self, texture: Any, shape: tuple[int, ...], u: Any, v: Any) -> Sequence[Any]:
-        """A texture (H, W, C) at a place, bilinear and periodic, as `bench.material.sample_texture`."""
-        height, width, channels = shape
-        columns, right = self._around(u * width - 0.5, width)
-        rows, below = self._around((1 - v) * height - 0.5, height)
-        sums = [self.arrays.Float(0)] * channels
-        for row, vertical in zip(rows, (1 - below, below), strict=True):
-            for column, horizontal in zip(columns, (1 - right, right), strict=True):
-                texel = self._rows(texture, row * width + column, channels)
-                weight = vertical * horizontal
-                sums = [dr.fma(value, weight, total) for value, total in zip(texel, sums, strict=True)]
-        return sums
-
-    def _around(self, place: Any, side: int) -> tuple[tuple[Any, Any], Any]:
-        """The two texels around a place along one side, periodic, and how far the place is from the first of them."""
-        start = dr.floor(place)
-        # The remainder by `side`, which is not negative.
-        first = self.arrays.UInt32(start - side * dr.floor(start / side))
-        second = dr.select(first == side - 1, 0, first + 1)
-        return (first, second), place - start
-
-    def _rows(self, flat: Any, row: Any, width: int) -> Any:
-        """The `width` numbers of each row (n,) of a row-major table, as that many arrays (n,)."""
-        return dr.gather(self.arrays.ArrayXf, flat, row, shape=(width, dr.width(row)))
 
     def _network(self, *inputs: Any) -> tuple[Any, ...]:
         """The outputs of the network, an array (n,) each, for its inputs."""

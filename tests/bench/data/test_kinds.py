@@ -30,8 +30,6 @@ from bench.directions.hemisphere import uniform
 
 class Chess(Kind):
     drawn = True
-    surface = "printed"
-    free = True
 
     def knows(self, spec):
         return spec.path.endswith(".chess")
@@ -42,7 +40,8 @@ class Chess(Kind):
         wo, wi = uniform(rng, 12), uniform(rng, 12)
         squares = (np.indices((data.size, data.size)).sum(0) % 2)[None, ..., None] * np.ones((12, 1, 1, 3))
         values = (bright * squares * wi[:, 2, None, None, None]).astype(np.float32)
-        return BTF(spec.name, wo, wi, ArraySource(values), heldout=np.arange(12) >= 9)
+        notes = {"surface": "printed", "free": True}
+        return BTF(spec.name, wo, wi, ArraySource(values), heldout=np.arange(12) >= 9, provenance=notes)
 
     def ignores(self, spec, key):
         return "every board has twelve pairs" if key == "data.views" else ""

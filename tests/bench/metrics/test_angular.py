@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bench.metrics.angular import THETA_EDGES_DEG, bins, grazing, polar_map
+from bench.metrics.angular import THETA_EDGES_DEG, grazing, polar_map
 
 
 def direction(theta, phi=0.0):
@@ -18,21 +18,10 @@ def test_sixty_degrees_is_not_grazing_and_more_is():
     assert grazing(direction([0, 59.9, 60, 60.1, 75])).tolist() == [False, False, False, True, True]
 
 
-def test_bins_hold_their_lower_edge_and_pool_what_falls_in_them():
-    wo, wi = direction([0, 15, 16, 15, 89]), direction([0, 30, 31, 60, 75])
-    table = bins(wo, wi, np.array([1.0, 2, 4, 8, 16]), mean)
-    assert (table[0][0], table[1][2], table[1][4], table[5][5]) == (1, 3, 8, 16)
-    assert sum(value is not None for row in table for value in row) == 4
-    raw = np.array([np.nan, 1.0, np.nan, np.nan, 0.0])
-    table = bins(wo, wi, raw, lambda raw: mean(raw) if raw.any() else np.inf)
-    assert [value for row in table for value in row if value is not None] == [1]
-
-
 def test_a_polar_map_pools_each_cell():
     pooled = polar_map(direction([50, 50, 50, 80], [0, 359, 91, 185]), np.array([1.0, 3, 5, 7]), mean)
     assert pooled["theta_edges_deg"] == list(THETA_EDGES_DEG)
     assert pooled["phi_centres_deg"][:4] == [0, 30, 60, 90]
     assert (pooled["value"][3][0], pooled["value"][3][3], pooled["value"][5][6]) == (2, 5, 7)
-    assert (pooled["count"][3][0], np.sum(pooled["count"])) == (2, 4)
     pole = polar_map(direction([1, 5], [10, 200]), np.array([1.0, 2]), mean)
     assert pole["value"][0] == [pytest.approx(1.5)] * 12

@@ -154,7 +154,7 @@ def test_groups_are_of_the_pairs_that_were_scored():
     assert table["heldout, grazing view"]["slices"] == (theta[50:] > 60).sum()
     assert {"grazing light", "heldout, grazing light", "training, grazing view"} <= set(table)
     maps = polar_maps(scores, btf.wo, btf.wi)
-    assert np.sum(maps["psnr_display"]["view"]["count"][1:]) == (theta >= 15).sum()  # but for the pole
+    assert np.shape(maps["psnr_display"]["view"]["value"]) == (6, 12)
     json.dumps([table, maps], allow_nan=False)
 
 
@@ -170,7 +170,6 @@ def test_statistics_of_a_group():
     assert "worst" not in stats["metrics"]["rmse_linear"]
     relative = np.sqrt(scores.raw["rmse_linear"][50:].mean()) / scores.radiance[50:].mean()
     assert stats["metrics"]["rmse_linear"]["relative"] == pytest.approx(relative)
-    assert np.shape(stats["bins"]["ssim_periodic"]) == (6, 6)
 
 
 def test_exact_slices_are_counted_and_have_the_most_decibels():

@@ -67,20 +67,6 @@ def fused():
         pytest.skip(str(error))
 
 
-def test_the_network_alone_is_fused_where_the_rest_cannot_be_recorded(monkeypatch):
-    class Branching(Textured):
-        def evaluate(self, uv, wo, wi, footprint):
-            return super().evaluate(uv, wo, wi, footprint) if uv.sum() > 0 else uv
-
-    fused()  # skips where there is no Dr.Jit
-    with pytest.raises(InputError):
-        prepared(Branching(), Variant("fused"))
-    material = prepared(Branching(), Variant("network"))
-    assert type(material) is Branching
-    assert type(material.network).__name__ == "DrJitNetwork"
-    assert_same(material, 1e-5)
-
-
 @pytest.fixture
 def old_llvm(monkeypatch):
     monkeypatch.setattr(execution, "target_of", lambda device: None)
@@ -90,18 +76,15 @@ def old_llvm(monkeypatch):
 def test_what_cannot_be_computed_is_refused_with_the_remedy(old_llvm, monkeypatch):
     with pytest.raises(InputError, match="NVIDIA"):
         prepared(Textured(), Variant("eager", "tf32"))
-    for name in ("network", "fused"):
-        with pytest.raises(InputError, match="float32, not bfloat16"):
-            prepared(Textured(), Variant(name, "bfloat16"))
+    with pytest.raises(InputError, match="float32, not bfloat16"):
+        prepared(Textured(), Variant("fused", "bfloat16"))
     monkeypatch.setattr(execution.shutil, "which", lambda name: None)
     with pytest.raises(InputError, match=r"C\+\+"):
         prepared(Textured(), Variant("compiled"))
-    with pytest.raises(InputError, match="use network"):
+    with pytest.raises(InputError, match="use compiled"):
         prepared(Textured(), Variant("fused"))
-    table = Textured()
-    del table.network
-    with pytest.raises(InputError, match=r"network.*fused"):
-        prepared(table, Variant("network"))
+    with pytest.raises(InputError, match=r"GPUs.*fused"):
+        prepared(Textured(), Variant("network"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts the page faults of Linux")

@@ -4,6 +4,7 @@ import itertools
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def inputs(network: Decoder, count: int, size: float) -> torch.Tensor:
     return size * torch.randn(count, network.architecture.inputs, generator=torch.Generator().manual_seed(1))
 
 
-def assert_close(fast: torch.nn.Module, network: Decoder, precision: str = "float32") -> None:
+def assert_close(fast: Callable[[torch.Tensor], torch.Tensor], network: Decoder, precision: str = "float32") -> None:
     """Within the stated tolerance of the same weights in float64, for batches of several sizes and extreme latents."""
     absolute, relative = TOLERANCES[precision]
     exact = copy.deepcopy(network).double()
@@ -96,29 +97,30 @@ def test_the_default_network_and_the_lean_one_stay_within_tolerance(name, precis
     assert_close(Lean(network), network, precision)
 
 
-@pytest.fixture
-def drjit_network():
+@pytest.mark.parametrize("name", ARCHITECTURES)
+def test_a_network_in_a_kernel_of_the_cpu_stays_within_tolerance(name):
     pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
     try:
-        target.target_of(torch.device("cpu"))
+        of_cpu = target.target_of(torch.device("cpu"))
     except InputError as error:
         pytest.skip(str(error))
-    from bench.timing.fused.with_drjit import DrJitNetwork
+    import drjit as dr
 
-    return DrJitNetwork
+    from bench.timing.fused.with_drjit import DrJitNetwork, batched
 
-
-@pytest.mark.parametrize("name", ARCHITECTURES)
-def test_one_kernel_on_the_cpu_stays_within_tolerance(name, drjit_network):
     network = fitted(name)
-    fast = drjit_network(network)
+    within = DrJitNetwork(network, of_cpu).within
+    width = network.architecture.inputs
+
+    def kernel(n, flat):
+        row = dr.arange(of_cpu.arrays.UInt32, n)
+        return within(row, [dr.gather(of_cpu.arrays.Float, flat, row * width + k) for k in range(width)])
+
+    def fast(x):
+        return batched(of_cpu, {}, kernel, (x,), [])
+
     assert_close(fast, network)
-    assert fast(torch.zeros(0, network.architecture.inputs)).shape == (0, network.architecture.outputs)
-
-
-@pytest.mark.parametrize("size", [(5, 7), (1, 3)])
-def test_the_kernel_on_the_cpu_fetches_the_texture(size, drjit_network):
-    assert_fetches(drjit_network, size)
+    assert fast(torch.zeros(0, width)).shape == (0, network.architecture.outputs)
 
 
 def test_without_drjit_it_says_what_to_install(monkeypatch):

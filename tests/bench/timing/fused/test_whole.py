@@ -94,17 +94,6 @@ def test_with_networks_in_line_as_on_a_gpu_the_answers_are_the_same(tmp_path, bt
     assert expected.std() > 0.01
 
 
-@pytest.mark.long
-def test_the_network_alone_may_be_fused(tmp_path, btf):
-    bench.encode(btf, "neubtf-direct", tmp_path / "a.nbtf", **CODECS["neubtf-direct"])
-    material = bench.load(tmp_path / "a.nbtf")
-    fused = prepared(material, Variant("network"))
-    assert type(fused) is type(material)
-    assert type(fused.network).__name__ == "DrJitNetwork"
-    uv, wo, wi = queries(100)
-    torch.testing.assert_close(fused.query(uv, wo, wi), material.query(uv, wo, wi), rtol=1e-4, atol=1e-5)
-
-
 class Mixed(Material):
     def __init__(self, width):
         super().__init__((4, 4), DecoderCost())
