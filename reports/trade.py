@@ -2,9 +2,8 @@
 
 A *choice* is a codec with its settings, an execution and a precision; one of each material is the floor, which has
 times alone. *ratio_to_floor* is a time as a multiple of it. A *ceiling* is a measured rate of the machine, of
-arithmetic or of copying. The *limit* of a choice is its least time by these. A *profile* is the times of the parts of a
-decoder. A choice is *on the front* of speed (or of rate) if no other is at least as good in both PSNR and time (or
-bytes), and better in one.
+arithmetic or of copying. The *limit* of a choice is its least time by these. A choice is *on the front* of speed (or of
+rate) if no other is at least as good in both PSNR and time (or bytes), and better in one.
 """
 
 import json
@@ -24,10 +23,9 @@ from reports.values import Column, Stale, written
 
 
 def trade_tables(run: Run, whole: bool = False) -> Iterator[Table]:
-    """The choices of each material that are on a front; none if no trade was measured. With `whole` all choices, the
-    profiles of each material, and the ceilings last."""
+    """The choices of each material that are on a front; none if no trade was measured. With `whole` all choices,
+    their stability, and the ceilings last."""
     stale = Stale(run.jobs)
-    profiles_of = grouped(run.profiles, itemgetter("material"))
     for material, rows in grouped(run.choices, itemgetter("material")).items():
         rows.sort(key=lambda row: "of" not in row)  # the floor last
         yield _choices(material, rows, list(answers(material, rows)), stale, whole)
@@ -35,8 +33,6 @@ def trade_tables(run: Run, whole: bool = False) -> Iterator[Table]:
             continue
         if any("from_float32" in row for row in rows):  # without other executions there is nothing to compare
             yield _stability(material, rows, stale)
-        if material in profiles_of:
-            yield _profile(material, profiles_of[material])
     floors = [row for row in run.choices if "of" not in row]
     if floors and whole:
         yield _ceilings(floors)
@@ -179,29 +175,6 @@ def _stability(material: str, rows: Sequence[Timing], stale: Stale) -> Table:
     columns += [Column("worst slice", "from float32, dB ↑", "worst", ranked=False)]
     columns += [Column("gained", "dB", "gained", 2, signed=True), Column("FLIP", "↓", "flip", 3, ranked=False)]
     return written("trade", title, pd.DataFrame(found), columns, [note], material=material)
-
-
-_CONDITION = ("part", "batch", "coherent", "footprint", "threads")  # fields that tell the rows of a profile apart
-
-
-def _profile(material: str, records: Sequence[Timing]) -> Table:
-    """ns a sample: a row for each condition, the values of the fields `_CONDITION`; a column a codec."""
-    codecs = list(dict.fromkeys(record["label"] for record in records))
-    records_of_condition = grouped(records, itemgetter(*_CONDITION))
-    rows = []
-    for (part, batch, coherent, footprint, threads), same_condition in records_of_condition.items():
-        row = {"part": part, "batch": batch, "queries": "slice" if coherent else "random", "footprint": footprint}
-        ns_of_codec = {record["label"]: record["ns_per_sample"] for record in same_condition}
-        rows.append({**row, "threads": threads, **ns_of_codec})
-    columns = [Column("part", "", "part"), Column("batch", "", "batch", 0), Column("queries", "", "queries")]
-    columns += [Column("footprint", "texels", "footprint", -3), Column("threads", "", "threads", 0)]
-    columns += [Column(codec, "ns ↓", codec, -3, ranked=False) for codec in codecs]
-    note = (
-        "Eager, float32. decoder: its networks alone; evaluate: with the texture's fetch; query: with all checks. "
-        "slice: all texels of one pair; random: random places, and directions up to 75°."
-    )
-    title = f"{material}: time by part, batch, order and threads"
-    return written("trade", title, pd.DataFrame(rows), columns, [note], material=material)
 
 
 def _ceilings(floors: Sequence[Timing]) -> Table:

@@ -77,8 +77,8 @@ def brief(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def brief_trade(brief: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """As `brief`, and what a trade times is small."""
     monkeypatch.setattr("bench.runs.trade.BATCH", 256)
-    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
-    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
+    monkeypatch.setattr("bench.timing.roofline.COPIED", 1 << 20)
+    monkeypatch.setattr("bench.timing.roofline.SIDE", 64)
 
 
 @pytest.fixture

@@ -58,8 +58,6 @@ def _needed_of_timing(record: Mapping[str, Any]) -> tuple[str, ...]:
     """The fields that a timing needs: a choice of a trade may have an error, or be scored and not yet timed."""
     if "material" not in record:
         return _TIME
-    if "part" in record:
-        return (*_OF_TRADE, "label", "coherent", "footprint")
     needed: tuple[str, ...] = ("label", "execution", "dtype", "device")
     if "of" not in record:  # the floor
         return (*needed, *_OF_TRADE, "ceilings")

@@ -125,19 +125,11 @@ class Run:
 
     @property
     def choices(self) -> list[Timing]:
-        """The choices that `neubtf-bench trade` timed, or why it did not, and the floor of each material and device."""
-        ended = (timing for timing in self._of_trade() if "ns_per_sample" in timing or "error" in timing)
-        return [timing for timing in ended if "part" not in timing]
-
-    @property
-    def profiles(self) -> list[Timing]:
-        """The times of parts and conditions that `neubtf-bench trade` measured."""
-        return [timing for timing in self._of_trade() if "part" in timing]
-
-    def _of_trade(self) -> list[Timing]:
-        """What a trade measured, without what is of jobs that are not here or whose files were fitted again since."""
-        of_materials = [timing for timing in self.timings if "material" in timing]
-        current = [timing for timing in of_materials if "of" not in timing or self._is_current(timing)]  # and floors
+        """The choices that `neubtf-bench trade` timed, or why it did not, and the floor of each material and device;
+        without those of jobs that are not here or whose files were fitted again since."""
+        of_trade = [timing for timing in self.timings if "material" in timing]
+        ended = [timing for timing in of_trade if "ns_per_sample" in timing or "error" in timing]
+        current = [timing for timing in ended if "of" not in timing or self._is_current(timing)]  # and floors
         materials = {timing["material"] for timing in current if "of" in timing}
         return [timing for timing in current if timing["material"] in materials]  # no floor alone
 

@@ -328,8 +328,7 @@ class Timing(Open, total=False):
     trade (it has a `material`).
 
     A trade times *choices*: the file of the job `of` in an execution and a precision, with its quality. It may hold an
-    `error` in place of numbers. Other records of a trade are *profiles*: a `part` of a query, or a condition. Both also
-    exist of the floor, which is `of` no job.
+    `error` in place of numbers. The floor has one, too, which is `of` no job.
     """
 
     kind: Annotated[Text, PUBLISHED | APART]
@@ -382,10 +381,6 @@ class Timing(Open, total=False):
     # of the floor of choices: the machine, and the variants that it only emulates and that were left out
     ceilings: Annotated[list[Ceiling], RESULTS | APART]
     left_out: Annotated[list[Text], RESULTS | APART]
-    # of a profile
-    part: Annotated[Text, RESULTS | APART]
-    coherent: Annotated[bool, RESULTS | APART]
-    footprint: Annotated[NotNegative, RESULTS | APART]
 
 
 def job_name(material: str, label: str, seed: int) -> str:

@@ -39,9 +39,9 @@ from bench.runs import lock
 from bench.runs.provenance import new_run, start_of
 from bench.runs.setting_times import decoded_settings, surfaces_of
 from bench.runs.suite import CodecSpec, Suite, canonical
-from bench.timing import Queries, native
+from bench.timing import native, random_queries
 from bench.timing.execution import DTYPES, TOLERANCES, Variant, exists_on, networks, prepared
-from bench.timing.profile import least_ns, read_bytes, roofline
+from bench.timing.roofline import least_ns, read_bytes, roofline
 
 log = logging.getLogger(__name__)
 
@@ -150,12 +150,12 @@ class _Measuring:
             name = f"{setting}/{variant}/{batch}"
             if name not in self.done:
                 missing[name] = variant
-        queries = Queries(batch)
+        queries = random_queries(batch, material.size, self.device)
         timed = self.compared(label, material, missing, queries)
         if not timed:
             return
         materials = {name: compared.ready for name, compared in timed.items()}
-        measured = timing.time_materials(materials, self.suite.threads, queries, turns=TURNS)
+        measured = timing.time_materials(materials, self.suite.threads, batch, turns=TURNS)
         rows = []
         for name, (variant, ready, of_tolerance) in timed.items():
             row: Timing = {"kind": "timing", "job": name, "label": label, "flops": material.cost.flops_per_sample}
@@ -163,15 +163,14 @@ class _Measuring:
             row |= {"batch": batch, "execution": variant.execution, "dtype": variant.precision}
             row |= {"of_tolerance": of_tolerance, "limit_ns": least_ns(ready, variant.precision, self.ceilings)}
             row |= measured[name].summary()
-            row |= _drawn_from_gpu(ready, queries.draw(material.size, self.device), variant.precision)
+            row |= _drawn_from_gpu(ready, queries, variant.precision)
             rows.append(row)
         self.record(rows)
 
     def compared(
-        self, label: str, material: Material, missing: dict[str, Variant], queries: Queries
+        self, label: str, material: Material, missing: dict[str, Variant], queries: tuple[Tensor, ...]
     ) -> dict[str, "_Compared"]:
         """Each variant by name, prepared, compared with float64's answers and asked once, while there is time."""
-        batch = queries.draw(material.size, self.device)
         exact = copy.deepcopy(material).to(dtype=torch.float64)
         compared = {}
         for name, variant in followed(self.show, missing.items(), f"{label}: executions and precisions", len(missing)):
@@ -183,7 +182,7 @@ class _Measuring:
             try:
                 ready = prepared(material, variant)
                 compared[name] = _Compared(variant, ready, difference_from_exact(ready, exact, variant.precision))
-                ready.query(*batch)
+                ready.query(*queries)
                 wait_for_gpu(self.device)
             except Exception as error:  # an error in one variant must not lose the times of the others
                 log.warning("%s, %s: not timed: %s", label, variant, " ".join(str(error).split())[:300])
@@ -280,7 +279,7 @@ def difference_from_exact(ready: Material, exact: Material, precision: str) -> f
 
     `InputError` if it is not finite: a short type may overflow, and no record holds such a number.
     """
-    queries = Queries(CHECKED).draw(exact.size, exact.device)
+    queries = random_queries(CHECKED, exact.size, exact.device)
     answers = ready.query(*queries).double()
     truth = exact.query(*queries).double()
     absolute, relative = TOLERANCES[precision]

@@ -8,10 +8,10 @@ scored, and another, with its time, when it is timed; then it is not measured ag
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from types import ModuleType
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
@@ -49,12 +49,11 @@ from bench.runs import runner
 from bench.runs.evaluation import Slices, material_of_job
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.runs.workbench import Opening, Workbench, open_workbench
-from bench.timing import Queries, native
+from bench.timing import native, random_queries
 from bench.timing.execution import Variant, exists_on, networks, prepared
-from bench.timing.profile import Condition, ceiling_calls, least_ns, profile, rates, roofline
+from bench.timing.roofline import ceiling_calls, least_ns, rates, roofline
 
 BATCH = 65_536  # whole chunks of every execution
-BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)  # sizes of batches that a profile times
 
 
 def run_and_measure(
@@ -62,10 +61,8 @@ def run_and_measure(
     options: runner.Options,
     tell: Callable[[runner.Outcome], None],
     *,
-    full: bool = False,
     emulated: bool = False,
     noise: bool = False,
-    profiles: bool = True,
 ) -> list[str]:
     """Run a suite, with `tell` called for each outcome, then score and time its choices.
 
@@ -85,9 +82,7 @@ def run_and_measure(
     if "ok" in states:
         run = load_run(folder)
         options.say(f"{states.count('ok')} of {len(states)} jobs have a file: they are scored and timed now")
-        measure(
-            suite, run, options.device, full=full, show=options.show, emulated=emulated, noise=noise, profiles=profiles
-        )
+        measure(suite, run, options.device, show=options.show, emulated=emulated, noise=noise)
     return states
 
 
@@ -96,23 +91,17 @@ def measure(
     run: Run,
     device: str,
     *,
-    full: bool = False,
     show: Progress = silent,
     emulated: bool = False,
     noise: bool = False,
-    profiles: bool = True,
 ) -> None:
     """Score and time every choice of a finished run of a suite that is not measured yet; adds the timings to the run
     and to its records.
 
-    `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more; `emulated` also measures
-    precisions that the processor only emulates; `noise` measures the noise of a path tracer with each file as material;
-    without `profiles` the choices alone are timed, in a fraction of the time.
+    `emulated` also measures precisions that the processor only emulates; `noise` measures the noise of a path tracer
+    with each file as material.
     """
     suite = canonical(suite)  # jobs are recorded under its names
-    batches: tuple[int, ...] = BATCHES
-    if full:
-        batches = (*BATCHES, 1 << 20, 1 << 22)
     measured_variants, left_out = _variants_on(suite, torch.device(device), emulated)
     trade = _Trade(replace(suite, variants=tuple(measured_variants)), run, device, left_out, show)
     for spec in suite.materials:
@@ -127,8 +116,6 @@ def measure(
         if noise:
             for job in with_file:
                 _add_noise(trade, job)
-        if profiles:
-            _measure_profiles(trade, spec, with_file, batches)
 
 
 @dataclass(frozen=True)
@@ -179,58 +166,6 @@ class _Trade:
         of_run: Timing = {**row, "run": starts[-1].get("run", "") if starts else ""}
         records.append(self.run.folder, of_run)
         self.run.timings.put(row["job"], of_run)
-
-
-def _measure_profiles(trade: _Trade, spec: MaterialSpec, jobs: list[Job], batches: tuple[int, ...]) -> None:
-    """Time a material's codecs in each condition of a profile in which they were not timed yet."""
-    job_of_name = {job["job"]: job for job in jobs}
-    materials = _materials_to_profile(trade, jobs)
-    if not materials:
-        return
-    gpu = timing.hardware(trade.device).get("gpu")  # its name; None on a CPU
-    done = set()
-    for row in trade.run.profiles:
-        job = job_of_name.get(row.get("of", ""))
-        if job is None:  # a profile of the floor, which is timed beside each material, or of another material
-            continue
-        is_on_device = row["device"] == trade.device and row.get("gpu") == gpu
-        if is_on_device and row.get("score_key") == job["score_key"]:
-            condition = Condition(row["part"], row["batch"], row["coherent"], row["footprint"], row["threads"])
-            done.add((job["job"], condition))
-    for name, condition, measured in profile(materials, torch.get_num_threads(), batches, done):
-        fields = asdict(condition)
-        row = {"kind": "timing", "material": spec.name}
-        if name in job_of_name:
-            job = job_of_name[name]
-            row |= {"of": name, "label": job["label"], "score_key": job["score_key"]}
-        else:
-            name = f"{spec.name}/{name}"
-            row["label"] = timing.FLOOR
-        row["job"] = trade_name(name, trade.device, *map(str, fields.values()))
-        row |= timing.conditions(condition.threads, trade.device)
-        where = "one slice" if condition.coherent else timing.RANDOM_QUERIES
-        row["queries"] = f"{where}, footprint {condition.footprint:g}"
-        trade.write(row | cast(Timing, fields) | measured.summary())
-
-
-def _materials_to_profile(trade: _Trade, jobs: list[Job]) -> dict[str, Material]:
-    """By name, the material of each job whose entry of the suite is no sweep; of the first job, if all are sweeps.
-
-    None of them is one that another program decodes: its time cannot be measured.
-    """
-    materials = {}
-    for job in jobs:
-        if _without_sweep(trade.suite, job):
-            material = material_of_job(trade.run.folder, job, trade.device)
-            if not material.opaque:
-                materials[job["job"]] = material
-    if materials:
-        return materials
-    for job in jobs:
-        material = material_of_job(trade.run.folder, job, trade.device)
-        if not material.opaque:
-            return {job["job"]: material}
-    return {}
 
 
 def _variants_on(suite: Suite, device: torch.device, emulated: bool) -> tuple[list[str], list[str]]:
@@ -369,7 +304,7 @@ def _time_in_turns(
 ) -> dict[str, timing.Timing]:
     """Time materials in turns with each other and with the ceilings, which rise where a turn reaches more."""
     first = next(iter(materials.values()))  # its size and device stand for those of all
-    queries = Queries(batch).draw(first.size, first.device)
+    queries = random_queries(batch, first.size, first.device)
     # What takes turns, by name: each material, and for each ceiling a matrix product and a copy of memory.
     calls: dict[str, Callable[[], Any]] = {name: partial(each.query, *queries) for name, each in materials.items()}
     for ceiling in ceilings:

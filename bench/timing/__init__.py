@@ -13,7 +13,6 @@ waits for memory and a network multiplies, and these speeds change by different 
 floor on one processor and 23 to 28 times on another.
 """
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -27,16 +26,15 @@ from torch import Tensor
 
 from bench import records
 from bench.codec import Progress, followed, silent
-from bench.directions.hemisphere import from_degrees, uniform
+from bench.directions.hemisphere import uniform
 from bench.machine.devices import device_name, is_gpu
 from bench.machine.threads import torch_threads
-from bench.material import DecoderCost, Material, sample_texture, texel_centres
+from bench.material import DecoderCost, Material, sample_texture
 
 TURNS = 30
 BATCH = 16_384
 GPU_BATCH = 1 << 20  # with fewer a GPU's time counts its launches
 FLOOR = "floor"
-RANDOM_QUERIES = "random uv and directions up to 75°"  # in words, those that are not coherent
 
 Clock = Callable[[], int]  # tells a time on the CPU in ns
 SPAN_NS = 3_000_000  # an inner loop runs about this long: far above the clock's resolution, below what disturbs both
@@ -44,30 +42,14 @@ STABLE = 0.1  # a call is warm if two in a row differ by less
 MOST_WARM_UPS = 10
 
 
-@dataclass(frozen=True)
-class Queries:
-    """A batch of queries. Incoherent: uv and directions up to 75° at random. Coherent: one slice, row by row."""
-
-    batch: int
-    coherent: bool = False
-    footprint: float = 0.0  # in texels
-
-    def draw(self, size: tuple[int, int], device: torch.device) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """uv (n, 2), wo and wi (n, 3), footprint (n,), for a material of `size`; the same each time."""
-        rng = np.random.default_rng(0)
-        if self.coherent:
-            centres = texel_centres(*size)
-            # The slice as often as it takes to fill the batch, rounded up; then cut to the batch.
-            slices = math.ceil(self.batch / len(centres))
-            uv = centres.repeat(slices, 1)[: self.batch]
-            pair = from_degrees([40, 20], [30, 200])  # a view and a light
-            wo, wi = (torch.from_numpy(direction).expand(self.batch, 3) for direction in pair)
-        else:
-            uv = torch.from_numpy(rng.random((self.batch, 2), np.float32))
-            wo = torch.from_numpy(uniform(rng, self.batch))
-            wi = torch.from_numpy(uniform(rng, self.batch))
-        footprint = torch.full((self.batch,), self.footprint / max(size))
-        return uv.to(device), wo.to(device), wi.to(device), footprint.to(device)
+def random_queries(batch: int, size: tuple[int, int], device: torch.device) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """A batch of queries for a material of a size, the same each time: uv (n, 2), wo and wi (n, 3) up to 75°, and
+    footprint (n,), which is 0."""
+    rng = np.random.default_rng(0)
+    uv = torch.from_numpy(rng.random((batch, 2), np.float32))
+    wo = torch.from_numpy(uniform(rng, batch))
+    wi = torch.from_numpy(uniform(rng, batch))
+    return uv.to(device), wo.to(device), wi.to(device), torch.zeros(batch, device=device)
 
 
 @dataclass(frozen=True)
@@ -133,7 +115,7 @@ def conditions(threads: int, device: str) -> records.Timing:
         "threads": threads,
         "device": device,
         "execution": "eager",
-        "queries": f"{RANDOM_QUERIES}, footprint 0",
+        "queries": "random uv and directions up to 75°, footprint 0",
     }
     return stated | hardware(device)
 
@@ -141,15 +123,19 @@ def conditions(threads: int, device: str) -> records.Timing:
 def time_materials(
     materials: dict[str, Material],
     threads: int,
-    queries: Queries | None = None,
+    batch: int = 0,
     show: Progress = silent,
     turns: int = 0,
 ) -> dict[str, Timing]:
-    """Time the whole query of each material in turns, `TURNS` by default; the row `FLOOR` is one bilinear fetch."""
+    """Time the whole query of each material in turns, `TURNS` by default; the row `FLOOR` is one bilinear fetch.
+
+    A query is of `batch` samples, by default of as many as are usual on the device.
+    """
     first = next(iter(materials.values()))
-    batch = (queries or Queries(batch_on(first.device))).draw(first.size, first.device)
-    calls = {name: partial(material.query, *batch) for name, material in materials.items()}
-    return in_turns(calls, len(batch[0]), first.size, threads, first.device, show, turns=turns)
+    batch = batch or batch_on(first.device)
+    queries = random_queries(batch, first.size, first.device)
+    calls = {name: partial(material.query, *queries) for name, material in materials.items()}
+    return in_turns(calls, batch, first.size, threads, first.device, show, turns=turns)
 
 
 def in_turns(
@@ -164,7 +150,7 @@ def in_turns(
     """Time calls that each answer `batch` samples, each between two floors of `size`, in random order, in so many turns
     (`TURNS` by default)."""
     turns = turns or TURNS
-    floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
+    floor = partial(_Floor(size).to(device).query, *random_queries(batch, size, device))
     rng = np.random.default_rng(0)
     clock = clock_of(threads)
     orders = [rng.permutation(len(calls)) for _ in range(turns)]

@@ -135,7 +135,6 @@ BAD = [
     (CHOICE | {"error": "why", "psnr": 30.0}, "codec"),
     (CHOICE | {"error": "why", "ns_per_sample": 1.0}, "interval95_ns"),
     (timing("x", 1) | FLOOR, "ratio_to_floor"),
-    (timing("x", 1) | FLOOR | {"part": "query"}, "ratio_to_floor"),
     ({"kind": "run", "seeds": 3}, "seeds"),
     ({"kind": "run", "packages": [1]}, "packages"),
     (STRESS | {"verdict": "perhaps"}, "verdict"),

@@ -8,9 +8,8 @@ from bench import timing
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
 from bench.runs.runner import timings_here
-from bench.timing import BATCH, FLOOR, TURNS, Queries, Timing, calibrated, in_turns, time_materials
-from bench.timing.profile import Condition, limit_ns, profile, roofline
-from bench.training.decoder import Architecture, Decoder
+from bench.timing import BATCH, FLOOR, TURNS, Timing, calibrated, in_turns, random_queries, time_materials
+from bench.timing.roofline import limit_ns, roofline
 
 
 class Sleeper(Material):
@@ -93,34 +92,11 @@ def test_warm_up_goes_on_until_two_calls_take_alike():
     assert calls[4:] == [2] * 2  # 3 ms
 
 
-def test_queries_are_random_or_the_slices_of_one_pair():
-    uv, wo, _, footprint = Queries(40, coherent=True, footprint=2).draw((4, 8), torch.device("cpu"))
-    assert uv[:2].tolist() == [[0.0625, 0.875], [0.1875, 0.875]]
-    assert (uv[32] == uv[0]).all()
-    assert len(wo.unique(dim=0)) == 1
-    assert footprint[0] == 0.25
-    assert len(Queries(40).draw((4, 8), torch.device("cpu"))[1].unique(dim=0)) == 40
-
-
-def test_a_profile_times_each_part_and_condition(monkeypatch):
-    monkeypatch.setattr(timing, "TURNS", 2)
-    monkeypatch.setattr("bench.timing.SPAN_NS", 10_000)
-    network = Sleeper(0.0)
-    network.net = Decoder(Architecture(4, (4,)))
-    materials = {"net": network, "table": Sleeper(0.0)}
-    found = [(name, condition) for name, condition, _ in profile(materials, 2, (1, 8))]
-    assert {condition.part for name, condition in found if name == "net"} == {"query", "evaluate", "decoder"}
-    assert {condition.part for name, condition in found if name == "table"} == {"query", "evaluate"}
-    assert {condition.batch for _, condition in found} == {1, 8, BATCH}
-    others = {(condition.coherent, condition.threads, condition.footprint) for _, condition in found}
-    assert others >= {(True, 1, 0.0), (False, 2, 0.0)}
-    assert (FLOOR, Condition(batch=1)) in found
-    one = ("net", Condition(batch=8))
-    left = [each for each in found if each != one]
-    assert [(name, condition) for name, condition, _ in profile(materials, 2, (1, 8), left)] == [
-        (FLOOR, Condition(batch=8)),
-        one,
-    ]
+def test_queries_are_random_and_the_same_each_time():
+    uv, wo, _, footprint = random_queries(40, (4, 8), torch.device("cpu"))
+    assert len(wo.unique(dim=0)) == len(uv.unique(dim=0)) == 40
+    assert not footprint.any()
+    assert torch.equal(uv, random_queries(40, (8, 8), torch.device("cpu"))[0])
 
 
 def test_the_roofline_bounds_a_sample_by_arithmetic_or_by_reads():

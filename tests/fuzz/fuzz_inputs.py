@@ -273,8 +273,7 @@ def trade(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
             made.append(plain | quality | what | {"job": f"{job['job']}/eager float32/cpu", "of": job["job"]})
     ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
     floor = plain | {"job": "satin/floor/eager float32/cpu", "label": "floor", "ceilings": [ceiling], "left_out": []}
-    profile = {"job": "satin/floor/query/cpu", "label": "floor", "part": "query", "coherent": False, "footprint": 0.0}
-    return [*made, floor, plain | profile]
+    return [*made, floor]
 
 
 def attack_records(sample: Path, scratch: Path, rng: random.Random) -> Reading:

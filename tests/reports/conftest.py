@@ -63,7 +63,7 @@ class RunMaker:
         return self
 
     def trade(self, *labels, material="satin"):
-        """A choice of the job of each label, the floor, and a profile."""
+        """A choice of the job of each label, and the floor."""
         row = {"kind": "timing", "run": "1", "material": material, "execution": "eager", "dtype": "float32"}
         row |= {"device": "cpu", "ns_per_sample": 100.0, "interval95_ns": [99.0, 101.0], "ratio_to_floor": 2.0}
         row |= {"ratio_interval95": [1.9, 2.1], "batch": 65536, "threads": 1}
@@ -75,8 +75,6 @@ class RunMaker:
         ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
         floor = row | {"job": f"{material}/floor/eager float32/cpu", "label": "floor", "ceilings": [ceiling]}
         append(self.folder, floor)
-        profile = row | {"part": "query", "batch": 1, "coherent": False, "footprint": 0.0, "label": "floor"}
-        append(self.folder, profile | {"job": f"{material}/floor/query/cpu"})
         return self
 
     def _group(self, psnr):

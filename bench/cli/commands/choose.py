@@ -339,4 +339,4 @@ def _measure(folder: Path, suite: Suite, options: argparse.Namespace, missing: l
         device = usable_device(options.device)
         seats = workers(options.jobs, suite.threads, options.device)
         run_options = Options(folder, device, show=console.show, say=console.say, workers=seats)
-        run_and_measure(suite, run_options, console.ended, profiles=False)
+        run_and_measure(suite, run_options, console.ended)

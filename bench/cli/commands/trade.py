@@ -22,7 +22,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command to its parser."""
     add = parser.add_argument
     suite_options(parser, "trade")
-    add("--full", action="store_true", help="also time batches up to 2^22, which takes half an hour more")
     add("--emulated", action="store_true", help="also measure precisions that the processor only emulates")
     noise = "render each file with Mitsuba: samples and seconds to 1 %% noise; takes a minute or two a file"
     add("--noise", action="store_true", help=noise)
@@ -41,9 +40,7 @@ def run(options: argparse.Namespace) -> int:
         for line in described_changes(suite, changes):
             console.say(line)
         run_options = Options(folder, device, show=console.show)
-        states = run_and_measure(
-            suite, run_options, console.ended, full=options.full, emulated=options.emulated, noise=options.noise
-        )
+        states = run_and_measure(suite, run_options, console.ended, emulated=options.emulated, noise=options.noise)
         if "ok" not in states:
             return NOTHING
 

@@ -113,8 +113,8 @@ def short_variants(monkeypatch):
     monkeypatch.setattr(setting_variants, "CHECKED", 64)
     monkeypatch.setattr(setting_variants, "FIT_STEPS", 2)
     monkeypatch.setattr(setting_variants.native, "emulated", lambda precision, device: False)  # on any processor
-    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
-    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 16)
+    monkeypatch.setattr("bench.timing.roofline.SIDE", 64)
+    monkeypatch.setattr("bench.timing.roofline.COPIED", 1 << 16)
     monkeypatch.setattr(setting_variants, "PRECISIONS", {"eager": ("float32", "bfloat16")})
 
 

@@ -10,7 +10,7 @@ import torch
 
 from bench import cli, timing
 from bench.cli.commands import choose as choose_command
-from bench.codec import Fit, silent
+from bench.codec import Fit
 from bench.codecs.registry import load_codec
 from bench.compare.choosing import answers, name_of_choice, on_front, usable_rungs
 from bench.conformance.check import tiny_btf
@@ -24,7 +24,7 @@ from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
 from bench.timing import native
 from bench.timing.execution import Variant
-from bench.timing.profile import least_ns
+from bench.timing.roofline import least_ns
 from reports import table_text
 from reports.figures.fronts import trade_fronts
 from reports.numbers import NONE
@@ -70,10 +70,8 @@ def measured(tmp_path_factory, ran):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
         patch.setattr("bench.timing.execution.target_of", without_drjit)
-        patch.setattr(trade, "BATCHES", (1,))
-        patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
-        patch.setattr("bench.timing.profile.COPIED", 1 << 20)
-        patch.setattr("bench.timing.profile.SIDE", 64)  # without AVX-512, bfloat16 multiplies slowly
+        patch.setattr("bench.timing.roofline.COPIED", 1 << 20)
+        patch.setattr("bench.timing.roofline.SIDE", 64)  # without AVX-512, bfloat16 multiplies slowly
         patch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
         measure(SUITE, folder)
     return folder
@@ -165,33 +163,9 @@ def test_what_has_a_record_is_not_measured_again(quick, fresh, monkeypatch):
     assert {row["score_key"]["exposure"] for row in again.choices if "of" in row} == {2.0}
 
 
-def test_a_profile_has_each_part_and_condition_and_is_measured_once(measured, copied, monkeypatch):
-    found = load_run(measured).profiles
-    assert {row["label"] for row in found} == {"mean-colour", "neubtf-direct steps=20", timing.FLOOR}
-    assert {row["part"] for row in found if row["label"].startswith("neubtf")} == {"query", "evaluate", "decoder"}
-    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
-    monkeypatch.setattr("bench.timing.execution.target_of", without_drjit)
-    monkeypatch.setattr(trade, "BATCHES", (1,))
-    monkeypatch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
-    monkeypatch.setattr(native, "emulated", lambda precision, device: False)
-    monkeypatch.setattr("bench.timing.profile.in_turns", lambda *_: pytest.fail("timed again"))
-    assert measure(SUITE, copied).profiles == found
-
-
-def test_a_profile_on_another_gpu_is_measured_again(copied, monkeypatch):
-    done = []
-    monkeypatch.setattr(trade, "profile", lambda *words: done.append(words[-1]) or [])
-    run = load_run(copied)
-    of_trade = trade._Trade(SUITE, run, "cpu", [], silent)
-    for hardware in ({}, {"gpu": "another"}):
-        monkeypatch.setattr(timing, "hardware", lambda device, found=hardware: found)
-        trade._measure_profiles(of_trade, SUITE.materials[0], trade._jobs_of(run, SUITE, SUITE.materials[0]), (1,))
-    assert [bool(each) for each in done] == [True, False]
-
-
 def test_ceilings_are_timed_in_turns_with_the_rest_and_rise_to_what_a_turn_reaches(monkeypatch):
-    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
-    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
+    monkeypatch.setattr("bench.timing.roofline.COPIED", 1 << 20)
+    monkeypatch.setattr("bench.timing.roofline.SIDE", 64)
     slow, of_all_cores = ceiling("float32", 1e-6, 1e-6), ceiling("float32", 1e-6, 1e-6, threads=2)
     material = load_codec("mean-colour")()
     decoded = material.decode(material.encode(tiny_btf(12, 6, 6), Fit()), torch.device("cpu"))
@@ -215,10 +189,9 @@ def test_a_share_above_the_whole_limit_is_marked_and_explained(copied):
 @pytest.fixture
 def quick(brief, monkeypatch):
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
-    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
-    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
+    monkeypatch.setattr("bench.timing.roofline.COPIED", 1 << 20)
+    monkeypatch.setattr("bench.timing.roofline.SIDE", 64)
     monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
-    monkeypatch.setattr(trade, "profile", lambda *_: [])
 
 
 def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(fresh, quick, monkeypatch):
@@ -259,7 +232,7 @@ def test_a_codec_with_seeds_of_its_own_is_timed_at_the_first_of_them(tmp_path, q
 
 
 def test_what_another_program_decodes_is_scored_and_not_timed(measured, fresh, quick, monkeypatch):
-    plain, of_programs, profiled = trade.material_of_job, {"mean-colour"}, []
+    plain, of_programs = trade.material_of_job, {"mean-colour"}
 
     def material_of_job(folder, job, device):
         material = plain(folder, job, device)
@@ -267,23 +240,20 @@ def test_what_another_program_decodes_is_scored_and_not_timed(measured, fresh, q
         return material
 
     monkeypatch.setattr(trade, "material_of_job", material_of_job)
-    monkeypatch.setattr(trade, "profile", lambda materials, *_: profiled.append(list(materials)) or [])
     suite = replace(SUITE, codecs=SUITE.codecs[:2], variants=("fused float32",))
     other = shutil.copytree(fresh, fresh.parent / "other")
     rows = by_name(measure(suite, fresh))
     assert list(rows) == ["mean-colour", "pca components=2", timing.FLOOR]
     assert rows["mean-colour"]["psnr"] == by_name(load_run(measured))["mean-colour"]["psnr"]
-    assert profiled == [["tiny/pca components=2/0"]]
     text = table_text(fresh, kind="trade", whole=True)
     (line,) = (line for line in text.splitlines() if line.startswith("mean-colour "))
     assert line.split()[1] == f"{rows['mean-colour']['psnr']:.2f}"
     assert line.split()[-5:] == ["—"] * 5
     assert f"mean-colour: {rows['mean-colour']['error']}." in " ".join(text.split())
     assert len(list(trade_fronts(load_run(fresh)))) == 1
-    # If all of them are programs, nothing is timed or profiled.
+    # If all of them are programs, nothing is timed.
     of_programs.add("pca components=2")
     assert list(by_name(measure(suite, other))) == ["mean-colour", "pca components=2"]
-    assert len(profiled) == 1
 
 
 def test_what_was_measured_of_a_material_is_kept_when_the_next_one_fails(fresh, quick, monkeypatch):
@@ -424,7 +394,7 @@ def test_noise_without_mitsuba_is_refused_before_any_work(tmp_path, monkeypatch,
     assert not (tmp_path / "run").exists()
 
 
-def test_no_choice_sentence_or_profile_is_of_a_file_that_was_fitted_again(copied):
+def test_no_choice_or_sentence_is_of_a_file_that_was_fitted_again(copied):
     found = load_run(copied)
     best = max(usable_rungs(found.choices, "tiny"), key=lambda rung: rung.score).of
     assert f"best is {best['label']}:" in " ".join(table_text(copied, kind="trade", whole=True).split())
@@ -432,9 +402,7 @@ def test_no_choice_sentence_or_profile_is_of_a_file_that_was_fitted_again(copied
     append(copied, job | {"score_key": job["score_key"] | {"sha256": "another"}})
     left = load_run(copied)
     assert left.choices == [row for row in found.choices if row["label"] != best["label"]]
-    assert left.profiles == [row for row in found.profiles if row["label"] != best["label"]]
-    assert left.profiles
-    text = " ".join(table_text(copied, kind="trade", whole=True).partition("time by part")[0].split())
+    text = " ".join(table_text(copied, kind="trade", whole=True).split())
     assert "best is " in text
     assert best["label"] not in text
 
