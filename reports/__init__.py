@@ -86,10 +86,8 @@ def table_text(
     records is damaged, so that they may stand there; `ValueError` for an unknown format or kind.
     """
     from bench.records import refuse_damaged
-    from reports import trade
     from reports.tables import all_tables
     from reports.terminal import terminal
-    from reports.text import results_csv
 
     if format not in FORMATS:
         raise ValueError(f"format {format!r}: choose one of {', '.join(FORMATS)}")
@@ -99,7 +97,7 @@ def table_text(
     if choice:
         run = choice.of_run(run)
     if format == "raw":
-        return trade.choices_csv(run) if kind == "trade" else results_csv(run)
+        return raw(run, kind)
     if format == "text" and kind is None and not choice:
         return terminal(run)
     # A page of LaTeX is too narrow for all columns of a main table; a reader who picks columns decides that alone.
@@ -139,6 +137,19 @@ def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.Data
         attrs[known] = {name: said for frame in frames for name, said in frame.attrs[known].items()}
     found.attrs = attrs
     return found
+
+
+def raw(run: "Run", kind: str | None = None) -> str:
+    """As CSV, nothing rounded: every number of every job, a row each, as in `bench.load_runs`; of the kind `trade`,
+    every choice."""
+    import pandas as pd
+
+    from bench.compare.frame import frame_of
+    from bench.inputs.errors import visible
+
+    frame = pd.DataFrame(run.choices) if kind == "trade" else frame_of(run)
+    printable = frame.map(lambda value: visible(value) if isinstance(value, str) else value)
+    return printable.to_csv(index=False, lineterminator="\n")
 
 
 def _together(runs: str | Path | Sequence[str | Path], kind: str | None) -> "Run":

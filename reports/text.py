@@ -1,4 +1,4 @@
-r"""Tables as plain text, GitHub Markdown, CSV and LaTeX, and jobs as CSV in full precision, for other programs.
+r"""Tables as plain text, GitHub Markdown, CSV and LaTeX.
 
 A *mark* makes the best cell of a column bold, or the second best underlined. The first columns of a table hold *words*,
 such as the codec; the others hold numbers. What is written may come from outside, such as a codec's name, so `visible`
@@ -12,17 +12,14 @@ import io
 import re
 import textwrap
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain, count, zip_longest
-from typing import Any
+from itertools import count, zip_longest
 
 from tabulate import tabulate
 
 from bench.inputs.errors import visible
-from bench.records import Run, flattened
 from reports.numbers import NONE
-from reports.rows import materials
 from reports.table import BOLD, DOT, UNDERLINED, Table
 
 WIDTH = 120  # of a terminal, in characters
@@ -31,13 +28,6 @@ NAME_WIDTH, UNIT_WIDTH = 9, 9  # of the lines of a header in plain text, in char
 _MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>"}
 # A number as tables show it: "−1,234.50".
 _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
-# The beginning of what a spreadsheet runs as a formula.
-_FORMULA = re.compile(r"\s*[=+@-]\S")
-# A number as CSV has it, and what tables write after one: a deviation, the end of an interval, an interval in brackets,
-# a count, a star or a unit. Nothing else may follow, because a spreadsheet would run it: `-1 +cmd|'/C calc'!A0`.
-_SIGNED = r"[−+-]?\d[\d.,]*([eE][+-]?\d+)?"
-_AFTER = rf" (± {_SIGNED}|to {_SIGNED}|\({_SIGNED} to {_SIGNED}\)( \*)?|of \d+|\*|%|[^\W\d_]+)"
-_READ_NUMBER = re.compile(rf"{_SIGNED}({_AFTER})?")
 # What the readers of a paper have not: a page of `docs`, a command, an option of one.
 _OF_A_PROGRAM = re.compile(r"\bdocs/[\w/-]+\.md\b|`(neubtf-bench|run) [^`]*`|(?<![\w-])--[a-z]")
 _IN_BRACKETS = re.compile(r" \([^()]*\)")
@@ -178,31 +168,6 @@ def escaped(text: str) -> str:
     return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", line)
 
 
-def results_csv(run: Run) -> str:
-    """One row a job, nothing rounded; a column is the path of a record's field: `scores/heldout/…/pooled`.
-
-    There are also `metric_version/NAME` and `timing/…`; `not_comparable` says why a row must not be compared. An empty
-    field was not measured or is not finite, as the PSNR of slices without error, which `…/exact` counts.
-    """
-    jobs = []
-    for material in materials(run):
-        for row in material.rows:
-            fields = flattened(row.job, row.timing)
-            fields["not_comparable"] = row.obstacle or None
-            if row.timing:
-                fields["timing/not_comparable"] = row.timing_obstacle or None
-            jobs.append(fields)
-    return fields_csv(jobs) if jobs else "job\n"  # without jobs, a line of headers alone
-
-
-def fields_csv(records: Sequence[Mapping[str, Any]]) -> str:
-    """Records as CSV: a row for each, a column for each name of a field, in the order of appearance. A field that a
-    record lacks is empty."""
-    names = list(dict.fromkeys(chain.from_iterable(records)))
-    lines = [[fields.get(name) for name in names] for fields in records]
-    return _csv([names, *lines])
-
-
 def table_csv(tables: Sequence[Table]) -> str:
     """The cells of tables as they are shown, numbers without separators; a line of headers wherever they change.
 
@@ -234,27 +199,13 @@ def _for_programs(cell: str) -> str | None:
     return cell
 
 
-def _csv(rows: Iterable[Sequence[Any]]) -> str:
+def _csv(rows: Iterable[Sequence[str | None]]) -> str:
     """Rows of cells, the headers first, as CSV; None is an empty field."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     for row in rows:
-        writer.writerow([_inert(cell) for cell in row])
+        writer.writerow([cell if cell is None else visible(cell) for cell in row])
     return out.getvalue()
-
-
-def _inert(cell: Any) -> Any:
-    """The cell so that no program takes it for a command: a text without control characters, and with an apostrophe
-    before it if a spreadsheet would run it as a formula.
-
-    A spreadsheet runs what begins with "=", "+", "-" or "@". A number may begin with a sign, and a sign alone is no
-    formula.
-    """
-    if not isinstance(cell, str):
-        return cell
-    cell = visible(cell)
-    is_formula = _FORMULA.match(cell) and not _READ_NUMBER.fullmatch(cell)
-    return f"'{cell}" if is_formula else cell
 
 
 def latex(tables: Sequence[Table]) -> str:

@@ -6,7 +6,6 @@ arithmetic or of copying. The *limit* of a choice is its least time by these. A 
 rate) if no other is at least as good in both PSNR and time (or bytes), and better in one.
 """
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from math import inf, nan
 from operator import itemgetter
@@ -18,7 +17,6 @@ from bench.compare.choosing import answers, is_plain, name_of_choice, on_front
 from bench.records import Run, Timing, conditions_in_words, grouped
 from reports.numbers import NONE
 from reports.table import Table
-from reports.text import fields_csv
 from reports.values import Column, Stale, written
 
 
@@ -36,17 +34,6 @@ def trade_tables(run: Run, whole: bool = False) -> Iterator[Table]:
     floors = [row for row in run.choices if "of" not in row]
     if floors and whole:
         yield _ceilings(floors)
-
-
-def choices_csv(run: Run) -> str:
-    """As CSV one row a choice, every figure in full precision; "" if no trade was measured."""
-    rows = []
-    for choice in run.choices:
-        fields: dict[str, Any] = {}
-        for name, value in choice.items():
-            fields[name] = json.dumps(value) if isinstance(value, dict | list) else value  # a cell holds one value
-        rows.append(fields)
-    return fields_csv(rows) if rows else ""
 
 
 _COLUMNS = [

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bench.files import atomic
 from bench.records import Run, load_run
-from reports import KINDS, Report, figures, trade
+from reports import KINDS, Report, figures, raw
 from reports.figures.canvas import Figure
 from reports.figures.history import history_figures
 from reports.html import TEMPLATES
@@ -18,7 +18,7 @@ from reports.page import Page
 from reports.table import Table
 from reports.tables import all_tables
 from reports.terminal import terminal
-from reports.text import latex, markdown, results_csv
+from reports.text import latex, markdown
 
 VECTOR = ("svg", "pdf")  # endings of files
 
@@ -67,10 +67,9 @@ class _ReportFolder:
         Adds the files to `files`. A kind without a table has no file.
         """
         folder = self.folder / "tables"
-        self.files.append(put(folder / "results.csv", results_csv(self.run).encode()))
-        choices = trade.choices_csv(self.run)
-        if choices:  # "" if no trade was measured
-            self.files.append(put(folder / "trade.csv", choices.encode()))
+        self.files.append(put(folder / "results.csv", raw(self.run).encode()))
+        if self.run.choices:
+            self.files.append(put(folder / "trade.csv", raw(self.run, "trade").encode()))
         for kind in KINDS:
             for suffix, as_text, all_kinds in ((".md", markdown, tables), (".tex", latex, narrow)):
                 tables_of_kind = [table for table in all_kinds if table.kind == kind]
