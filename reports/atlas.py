@@ -28,6 +28,7 @@ MAGMA = np.round(matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255).ast
 # Qualities of WebP, the best first, each with about how many characters of a page a pixel takes. Quality None is
 # without loss.
 QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 0.5), (60, 0.3))
+_WORST = QUALITIES[-1][0]
 
 
 class Atlases:
@@ -43,13 +44,11 @@ class Atlases:
         budget = share * BUDGET
         shapes_by_material = [self._truth_shapes(material) for material in materials]
         pixels = sum(map(_pixels, shapes_by_material))
-        for quality, characters_per_pixel in QUALITIES:  # the best first; if none fits, the last and worst remains
-            self.quality = quality
-            characters = characters_per_pixel * pixels
-            if characters <= budget:
-                break
+        characters = {quality: per_pixel * pixels for quality, per_pixel in QUALITIES}  # the best first
+        fitting = [quality for quality in characters if characters[quality] <= budget]
+        self.quality = fitting[0] if fitting else _WORST
         # At the worst quality they may still be several times too large: then only some pairs are shown.
-        times_too_large = math.ceil(characters / budget)
+        times_too_large = math.ceil(characters[self.quality] / budget)
         self.step = max(1, times_too_large)  # 1: all pairs are shown
         # A grid of many large pictures may be larger than a WebP can be, whatever its quality.
         for count, height, width in chain.from_iterable(shapes_by_material):

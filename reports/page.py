@@ -11,7 +11,7 @@ lacks, most likely the reader's.
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.resources import files
 from itertools import chain
 from typing import Any
@@ -31,7 +31,7 @@ from reports.scene_models import scene_gains
 from reports.scene_pictures import scene_strips
 from reports.shaders.writer import WIDTH
 from reports.styles import is_own
-from reports.table import Apart, Table
+from reports.table import Table
 from reports.viewer.page import Data, as_json, fragment, pack
 
 # Kinds of figures that the page does not hold: it draws the first four itself, and the others are too large.
@@ -214,8 +214,7 @@ class Page:
         order += [i for i in range(1, len(names)) if i not in (psnr, count)]
         if rows_differ:
             order.append(count)
-        notes = [note for note in table.notes if not isinstance(note, Apart)]
-        return replace(table.of_columns(order), notes=notes)
+        return table.of_columns(order).without_apart()
 
     def scene(self, material: MaterialRows) -> Scene | None:
         """What the section of a material says of its scene; None if the run is for none."""
@@ -223,12 +222,9 @@ class Page:
         if not tables:
             return None
         name = material.measured[0].job["scene"]["name"]
-        gains = list(scene_gains(material))
-        without_gains = []  # the tables without the notes on gains, which the page shows above them
-        for table in tables:
-            notes = [note for note in table.notes if not isinstance(note, Apart)]
-            without_gains.append(replace(table, notes=notes))
-        return Scene(name, gains, list(scene_strips(self.run, material)), without_gains)
+        strips = list(scene_strips(self.run, material))
+        without_gains = [table.without_apart() for table in tables]  # which the page shows above them
+        return Scene(name, list(scene_gains(material)), strips, without_gains)
 
     def kinds(self, material: MaterialRows) -> str:
         """The kinds of plots in the section of a material, parted by spaces, for the page's script."""

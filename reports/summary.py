@@ -58,23 +58,27 @@ def summary_table(
     codecs = with_rank(materials, ranking)
     to_one = against_one(run, materials, codecs, against) if intervals else None
 
-    columns = [
-        Column("codec", "", "codec"),
-        Column("materials", "", "materials", write=lambda row: f"{row['materials']:.0f} of {len(measured)}"),
+    measures, on_materials = _on_materials(measured)
+    means = [
         Column("mean rank", "↓", "mean rank"),
         Column("won", "↑", "won", 0),
         Column("PSNR", "dB ↑", "PSNR", 2),
     ]
-    measures, on_materials = _on_materials(measured)
     for measure in measures:
-        apart = "timed apart" if measure.timed else ""  # such a time gets a star and is not ranked
-        after = ("*", apart) if apart else ("", "")
-        columns.append(Column(measure.name, measure.unit, measure.name, measure.digits, after=after, unranked=apart))
+        column = Column(measure.name, measure.unit, measure.name, measure.digits)
+        if measure.timed:  # a time that was measured apart from the others gets a star and is not ranked
+            column = column._replace(after=("*", "timed apart"), unranked="timed apart")
+        means.append(column)
+    columns = [
+        Column("codec", "", "codec"),
+        Column("materials", "", "materials", write=lambda row: f"{row['materials']:.0f} of {len(measured)}"),
+        *means,
+    ]
     rows = []
     for standing in ranking:
         row = _row(standing, on_materials[standing.label], measures)
         if standing.rank is None:
-            row |= {column.field: nan for column in columns[2:]}
+            row |= {column.field: nan for column in means}
         if not stale:
             row["stale"] = ""
         rows.append(row)

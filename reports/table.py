@@ -109,6 +109,10 @@ class Table:
         words = {word.rstrip(" ↑↓") for word in chain.from_iterable(self.headers)}  # names and units, without arrows
         return [(term, explanation) for term, explanation in TERMS.items() if term in words]
 
+    def without_apart(self) -> "Table":
+        """The table without the notes that a page shows elsewhere."""
+        return replace(self, notes=[note for note in self.notes if not isinstance(note, Apart)])
+
     def with_short_labels(self) -> "Table":
         """The table without the settings that every label of its column "codec" has; a note says them once.
 

@@ -14,7 +14,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import count, zip_longest
+from itertools import chain, count, zip_longest
 
 from tabulate import tabulate
 
@@ -32,6 +32,8 @@ _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
 _OF_A_PROGRAM = re.compile(r"\bdocs/[\w/-]+\.md\b|`(neubtf-bench|run) [^`]*`|(?<![\w-])--[a-z]")
 _IN_BRACKETS = re.compile(r" \([^()]*\)")
 _SENTENCE_END = re.compile(r"(?<=[.]) ")
+# The box of a table, scaled down to the width of the text, never up.
+_FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi"
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
 _LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
 # Characters that LaTeX has in mathematics alone, and the others that it takes for commands or lacks. pdflatex knows of
@@ -230,13 +232,8 @@ def latex(tables: Sequence[Table]) -> str:
 
 def _free_label(wanted: str, labels: set[str]) -> str:
     """The wanted label; with a number, from 2, if `labels` has it: materials `a_b` and `a-b` give the same label."""
-    if wanted not in labels:
-        return wanted
-    numbers = count(2)
-    numbered = f"{wanted}-{next(numbers)}"
-    while numbered in labels:
-        numbered = f"{wanted}-{next(numbers)}"
-    return numbered
+    numbered = (f"{wanted}-{number}" for number in count(2))
+    return next(candidate for candidate in chain([wanted], numbered) if candidate not in labels)
 
 
 def latex_escaped(text: str) -> str:
@@ -290,10 +287,6 @@ def _for_a_paper(note: str) -> str:
 def _latex_line(cells: Sequence[str]) -> str:
     """A line of a `tabular`, of cells that are escaped already."""
     return " & ".join(cells) + r" \\"
-
-
-# The box of the table, scaled down to the width of the text, never up.
-_FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi"
 
 
 def label(table: Table) -> str:

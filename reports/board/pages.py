@@ -62,7 +62,7 @@ class Board:
         """Every page: the name of its file and its text in pieces, the front first. Claimed results do not stand on
         the front."""
         yield FRONT, self._front([source for source in self.sources if not source.claimed])
-        for name, sources in by_material(self.sources):
+        for name, sources in by_material(self.sources).items():
             yield page_name("material", name), MaterialPage(name, sources, self).pieces()
         for name in self.codecs:
             sources_with_codec = [source for source in self.sources if name in _codecs(source)]
@@ -123,7 +123,7 @@ class Board:
     def _materials_table(self) -> Table:
         """A row a material: the kinds of its truth, and the sources that have it."""
         rows = []
-        for name, sources in by_material(self.sources):
+        for name, sources in by_material(self.sources).items():
             # Of several sources that have the material, the first says what kind its truth is.
             titles = ", ".join(source.title for source in sources)
             rows.append([name, ", ".join(_kinds(sources[0], name)), titles])
