@@ -125,9 +125,9 @@ class Atlases:
         count, height, width = pictures.shape[:3]
         rows, columns = _grid(count)  # as `slices_of` tells the viewer
         sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
-        for i, picture in enumerate(pictures):
-            top = i // columns * height
-            left = i % columns * width
+        for number, picture in enumerate(pictures):
+            row, column = divmod(number, columns)
+            top, left = row * height, column * width
             sheet[top : top + height, left : left + width] = picture
         if self.quality is None:
             # Without loss, `quality` and `method` are the effort to make the file small: here the least.

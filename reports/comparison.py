@@ -222,12 +222,12 @@ def _combined(
     quantities = _quantities(map(changes_of, rows))
     cells = []
     marks: dict[tuple[int, int], str] = {}
-    for i, row in enumerate(rows):
+    for number, row in enumerate(rows):
         changes = [_find(changes_of(row), quantity) for quantity in quantities]
         cells.append([row.material, row.label, *map(_cell, changes), last_cell(row)])
-        for j, change in enumerate(changes, 2):  # after the columns of material and codec
+        for column, change in enumerate(changes, 2):  # after the columns of material and codec
             if change and change.verdict in (Verdict.WORSE, Verdict.BETTER):
-                marks[i, j] = BOLD
+                marks[number, column] = BOLD
     headers = [("material", ""), ("codec", "")]
     for quantity in quantities:
         title = quantity.name.replace("_", " ")

@@ -316,6 +316,15 @@ def _span(limits: list[Budget]) -> str:
     return ", ".join(parts)
 
 
+class _Question(NamedTuple):
+    """A question of the table, with its answer."""
+
+    words: str
+    medians: "pd.Series[float]"  # over the surfaces, by line, the best first
+    metric: Column  # how these are written
+    absent: str = ""  # the line that would answer it if it had files as small on all surfaces; "" without one
+
+
 def when_table(run: Run) -> Iterator[Table]:
     """Which codec when: a question a row, the best codec and the next best, and the numbers of both."""
     questions = list(_questions(rungs_of(run)))
@@ -337,7 +346,7 @@ def when_table(run: Run) -> Iterator[Table]:
         yield written("when", "Which codec when", pd.DataFrame(rows), columns, [*notes, _WITHIN], words=3)
 
 
-def _answer(question: "_Question") -> dict[str, Any]:
+def _answer(question: _Question) -> dict[str, Any]:
     """The values of the row of a question: the best and the next best lines, and the numbers of both."""
     number_of: dict[Any, float] = question.medians.to_dict()
     # By number as it reads: lines with the same are equally good.
@@ -364,15 +373,6 @@ def _named(lines: Sequence[str]) -> str:
     named = ", ".join(lines[:_TIED])
     more = len(lines) - _TIED
     return f"{named} and {more} more" if more > 0 else named
-
-
-class _Question(NamedTuple):
-    """A question of the table, with its answer."""
-
-    words: str
-    medians: "pd.Series[float]"  # over the surfaces, by line, the best first
-    metric: Column  # how these are written
-    absent: str = ""  # the line that would answer it if it had files as small on all surfaces; "" without one
 
 
 def _questions(rungs: Rungs) -> Iterator[_Question]:

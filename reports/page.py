@@ -140,14 +140,14 @@ class Page:
                 continue
             if self.slices[number]["codecs"] and not self.kept_back(material):
                 yield Data(f"slices{number}", as_json(self.slices[number]))
-            for i, model in enumerate(self.live[material.name].models.values()):
-                yield Data(f"live{number}-{i}", model, "text/plain")
+            for place, model in enumerate(self.live[material.name].models.values()):
+                yield Data(f"live{number}-{place}", model, "text/plain")
         yield Data("records-data", pack(self.records.records), "text/plain")
 
     def links(self) -> list[tuple[str, str]]:
         """The table of contents of the page: the target of each link, and its text."""
         links = [("#summary", "Summary")]
-        links += [(f"#m{i}", material.name) for i, material in enumerate(self.materials)]
+        links += [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
         if self.rest:
             links.append(("#more", "More"))
         return [*links, ("#records", "Records and provenance")]
@@ -211,7 +211,7 @@ class Page:
         count = names.index("materials")
         rows_differ = len({row[count] for row in table.rows}) > 1  # else the column says nothing of any codec
         order = [0, psnr]  # of columns by their old places; 0 is that of the codecs
-        order += [i for i in range(1, len(names)) if i not in (psnr, count)]
+        order += [column for column in range(1, len(names)) if column not in (psnr, count)]
         if rows_differ:
             order.append(count)
         return table.of_columns(order).without_apart()
@@ -307,14 +307,14 @@ class PageRecords:
         # Fields with paths: of several runs that are read together, these paths are absolute, and of this machine.
         path_fields = set(field_names(ARTEFACT)) - {"file"}
         characters_left = RECORDS_BUDGET
-        for m, material in enumerate(materials):
-            for c, codec in enumerate(material.codecs):
+        for number, material in enumerate(materials):
+            for place, codec in enumerate(material.codecs):
                 record = [_record(row, without=path_fields) for row in codec.rows]
                 characters_left -= len(json.dumps(record))
                 if characters_left < 0:  # it stays so: from the first that does not fit, all are left out
                     self.left_out += 1
                     continue
-                element = f"r{m}-{c}"  # its id
+                element = f"r{number}-{place}"  # its id
                 self.places[material.name, codec.label] = f"#{element}"
                 self.names.append((element, f"{material.name}, {codec.label}", _fit_in_words(codec)))
                 self.records.append(record)

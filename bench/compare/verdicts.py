@@ -225,8 +225,8 @@ def _paired_scatter(differences: Values) -> Chance | None:
     return Chance(stdev(finite) / math.sqrt(len(finite)), len(finite) - 1)
 
 
-def scatter(known: Values, new: Values, n: int) -> Chance | None:
-    """The scatter of a difference: the mean of the numbers `new`, one a seed, minus the mean of `n` seeds of the base.
+def scatter(known: Values, new: Values, count: int) -> Chance | None:
+    """The scatter of a difference: the mean of the numbers `new`, one a seed, minus that of `count` seeds of the base.
 
     `known` are the numbers of all seeds of the base, from which the scatter of one seed is estimated; None if fewer
     than two of them are finite. If they are few, those of new help.
@@ -241,7 +241,7 @@ def scatter(known: Values, new: Values, n: int) -> Chance | None:
     # The pooled variance: each group about its own mean, weighted by its degrees of freedom.
     freedom = sum(len(group) - 1 for group in groups)
     variance = math.fsum((len(group) - 1) * stdev(group) ** 2 for group in groups) / freedom
-    return Chance(math.sqrt(variance * (1 / n + 1 / len(new))), freedom)
+    return Chance(math.sqrt(variance * (1 / count + 1 / len(new))), freedom)
 
 
 def _finite(values: Values) -> list[float]:

@@ -62,23 +62,23 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     sheet = Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell_height + _GAP) + _BOTTOM)
     sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
     # The first row: the truth of each slice, below two lines of its angles.
-    for k in range(count):
-        left = _LEFT + k * pair
-        sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
-        sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
-        sheet.picture(left, _TOP, enlarged(first["truth"][k], factor))
+    for place in range(count):
+        left = _LEFT + place * pair
+        sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][place]))
+        sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][place]))
+        sheet.picture(left, _TOP, enlarged(first["truth"][place], factor))
     _label(sheet, "truth", _TOP + cell_height / 2)
     # A row for each codec.
     for number, (row, pictures) in enumerate(rows, 1):
         top = _TOP + number * (cell_height + _GAP)
         _label(sheet, row.label, top + cell_height / 2)
         means = _flip_means(run, row, pictures)
-        for k in range(count):
-            left = _LEFT + k * pair
-            sheet.picture(left, top, enlarged(pictures["decoded"][k], factor))
+        for place in range(count):
+            left = _LEFT + place * pair
+            sheet.picture(left, top, enlarged(pictures["decoded"][place], factor))
             if "flip" in pictures:  # FLIP maps are not made of very small slices
-                sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][k], factor))
-                _draw_mean(sheet, means[k], right=left + 2 * cell_width, bottom=top + cell_height)
+                sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][place], factor))
+                _draw_mean(sheet, means[place], right=left + 2 * cell_width, bottom=top + cell_height)
     flip_scale(sheet, _LEFT + cell_width + _MAP_GAP, _TOP + cell_height // 2, cell_width)
     if left_out:
         sheet.text(_GAP, sheet.height - _BOTTOM / 2, left_out_words(left_out, sheet.width))

@@ -73,8 +73,9 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
     sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _ABRDF_TOP + rows * cell[1])
     sheet.text(_EDGE, 16, f"{title} ({material.split_in_words})", fontsize=9)
     for number, (label, error) in enumerate(maps):
-        left = _EDGE + number % columns * cell[0]
-        above = _ABRDF_TOP + number // columns * cell[1]
+        line, place = divmod(number, columns)
+        left = _EDGE + place * cell[0]
+        above = _ABRDF_TOP + line * cell[1]
         sheet.text(left, above - 10, short(label, 24))
         sheet.picture(left, above, enlarged(coloured(error, "cividis", scale), factor))
     bar_height = min(rows * cell[1] - 40, 300)
@@ -98,8 +99,8 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     title = f"{material.name}: FLIP over the hemispheres"
     values = {}  # by side and number of the codec: FLIP by cell, (rings of θ, sectors of φ)
     for side in _SIDES:
-        for i, (_, polar) in enumerate(maps):
-            values[side, i] = np.array(polar[side]["value"], float)
+        for number, (_, polar) in enumerate(maps):
+            values[side, number] = np.array(polar[side]["value"], float)
     tops = [np.nanmax(value) for value in values.values() if np.isfinite(value).any()]
     scale = Normalize(0, max(tops, default=0) or 1)  # a range also where no codec has an error
     # In a block the hemisphere of views is above that of lights.
@@ -108,10 +109,11 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     sheet = Sheet(2 * _EDGE + max(per_line, 4) * _BLOCK_WIDTH + _BAR, _POLAR_TOP + lines * _BLOCK_HEIGHT)
     sheet.text(_EDGE, 14, f"{title} ({material.split_in_words})", fontsize=9)
     sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
-    for (side, i), value in values.items():
-        label, polar = maps[i]
-        left = _EDGE + i % per_line * _BLOCK_WIDTH
-        above = _POLAR_TOP + i // per_line * _BLOCK_HEIGHT
+    for (side, number), value in values.items():
+        label, polar = maps[number]
+        line, place = divmod(number, per_line)
+        left = _EDGE + place * _BLOCK_WIDTH
+        above = _POLAR_TOP + line * _BLOCK_HEIGHT
         if side == "view":
             sheet.text(left, above - 20, short(label, 24))
         else:  # lights stand below views
@@ -187,9 +189,9 @@ def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]
     ring = np.clip(edges_below - 1, 0, len(EDGES_DEG) - 2)  # 90° lies in the last ring
     centres = []
     means = []
-    for i in np.unique(ring):
-        mean = error[ring == i].mean()
+    for number in np.unique(ring):
+        mean = error[ring == number].mean()
         if mean > 0:
-            centres.append(EDGES_DEG[i] + _RING_DEG / 2)
+            centres.append(EDGES_DEG[number] + _RING_DEG / 2)
             means.append(mean)
     return np.array(centres), psnr(np.array(means))

@@ -90,7 +90,8 @@ def textures(program: Program) -> Textures:
     """
     height, width = program.size
     # Each level of a pyramid halves both sides, down to a single texel.
-    levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
+    count = max(height, width).bit_length()
+    levels = [max(1, height >> level) * max(1, width >> level) for level in range(count)]  # texels of each
     texels = list(accumulate(levels))  # of the finest level, of the two finest, and so on
     by_place = {"uv"}  # the names of values that depend on uv, so far
     textures_found: Textures = []
