@@ -28,6 +28,7 @@ MAGMA = np.round(matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255).ast
 # Qualities of WebP, the best first, each with about how many characters of a page a pixel takes. Quality None is
 # without loss.
 QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 0.5), (60, 0.3))
+_WORST = QUALITIES[-1][0]
 
 
 class Atlases:
@@ -43,13 +44,11 @@ class Atlases:
         budget = share * BUDGET
         shapes_by_material = [self._truth_shapes(material) for material in materials]
         pixels = sum(map(_pixels, shapes_by_material))
-        for quality, characters_per_pixel in QUALITIES:  # the best first; if none fits, the last and worst remains
-            self.quality = quality
-            characters = characters_per_pixel * pixels
-            if characters <= budget:
-                break
+        characters = {quality: per_pixel * pixels for quality, per_pixel in QUALITIES}  # the best first
+        fitting = [quality for quality in characters if characters[quality] <= budget]
+        self.quality = fitting[0] if fitting else _WORST
         # At the worst quality they may still be several times too large: then only some pairs are shown.
-        times_too_large = math.ceil(characters / budget)
+        times_too_large = math.ceil(characters[self.quality] / budget)
         self.step = max(1, times_too_large)  # 1: all pairs are shown
         # A grid of many large pictures may be larger than a WebP can be, whatever its quality.
         for count, height, width in chain.from_iterable(shapes_by_material):
@@ -126,9 +125,9 @@ class Atlases:
         count, height, width = pictures.shape[:3]
         rows, columns = _grid(count)  # as `slices_of` tells the viewer
         sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
-        for i, picture in enumerate(pictures):
-            top = i // columns * height
-            left = i % columns * width
+        for number, picture in enumerate(pictures):
+            row, column = divmod(number, columns)
+            top, left = row * height, column * width
             sheet[top : top + height, left : left + width] = picture
         if self.quality is None:
             # Without loss, `quality` and `method` are the effort to make the file small: here the least.

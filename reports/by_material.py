@@ -114,12 +114,22 @@ class Measure(NamedTuple):
         numbers = [self._counted(record) if value == inf else value for value, record in measured]
         if self.is_interval:  # from the lowest to the highest end of the seeds' intervals
             return OverSeeds(min(numbers), max(record[self.second] for _, record in measured))
-        if self.second:
-            seconds = [0.0 if value == inf else record[self.second] for value, record in measured]
-            seconds = [second for second in seconds if not isnan(second)]
-            return OverSeeds(fmean(numbers), fmean(seconds) if seconds else nan)
+        second = self._mean_second(measured) if self.second else self._deviation_over(numbers)
+        return OverSeeds(fmean(numbers), second)
+
+    def _mean_second(self, measured: Iterable[tuple[float, Mapping[str, Any]]]) -> float:
+        """The mean of the second number of records, each with its first number; NaN where none has one.
+
+        That of an exact record is 0, because its slices do not differ.
+        """
+        seconds = [0.0 if value == inf else record[self.second] for value, record in measured]
+        known = [second for second in seconds if not isnan(second)]
+        return fmean(known) if known else nan
+
+    def _deviation_over(self, numbers: Sequence[float]) -> float:
+        """The deviation over seeds; NaN where the column does not show it, and where all seeds read the same."""
         differ = len({as_read(number, self.digits) for number in numbers}) > 1
-        return OverSeeds(fmean(numbers), stdev(numbers) if self.deviation and differ else nan)
+        return stdev(numbers) if self.deviation and differ else nan
 
     def _counted(self, record: Mapping[str, Any]) -> float:
         """What an exact record counts as in a mean: what it holds, or else the most that a slice counts, in dB."""

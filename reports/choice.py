@@ -126,9 +126,9 @@ class Choice:
         """The table with its columns of words and the chosen columns of numbers; None if it has none of these."""
         chosen_places: dict[int, None] = {}  # of columns, in the order of the choice, each once
         for column in self.columns:
-            for i in range(table.words, len(table.headers)):
-                if _matches(column, table.headers[i]):
-                    chosen_places[i] = None
+            for place in range(table.words, len(table.headers)):
+                if _matches(column, table.headers[place]):
+                    chosen_places[place] = None
         if not chosen_places:
             return None
         return table.of_columns([*range(table.words), *chosen_places])

@@ -8,14 +8,15 @@ here they are only written.
 """
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
+from operator import attrgetter
 
 from bench.compare.comparison import Comparison
 from bench.compare.quantities import MAIN, Quantity
 from bench.compare.rows import ABSENT, ComparedRow
 from bench.compare.verdicts import Change, Verdict
-from bench.records import codec_of
+from bench.records import codec_of, grouped
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
 from reports.text import escaped, grid, plain, wrapped
@@ -56,8 +57,7 @@ def terminal(comparison: Comparison) -> str:
         findings = []
 
     tables = []
-    for material in dict.fromkeys(row.material for row in listed):
-        rows = [row for row in listed if row.material == material]
+    for material, rows in grouped(listed, lambda row: row.material).items():
         tables += [_deciding(material, rows), *_others(material, rows)]
     if comparison.means:
         title = comparison.means[0].material  # in place of a material all of them say "all materials"
@@ -117,15 +117,12 @@ def markdown(comparison: Comparison) -> str:
 
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(remarks)]
     if comparison.rows:
-        deciding = [row.deciding for row in rows_and_means]
-        verdicts = [_MARKS[row.verdict] for row in rows_and_means]
-        blocks.append(grid(_combined(rows_and_means, deciding, "verdict", verdicts)))
+        verdicts = _combined(rows_and_means, attrgetter("deciding"), "verdict", lambda row: _MARKS[row.verdict])
+        blocks.append(grid(verdicts))
 
     rows = [row for row in comparison.rows if row.shown]  # `shown` has the changes that do not decide
     if rows:
-        others = [row.shown for row in rows]
-        times = [_time(row) for row in rows]
-        rest = grid(_combined(rows, others, "time, × floor", times))
+        rest = grid(_combined(rows, attrgetter("shown"), "time, × floor", _time))
         # The empty line lets GitHub read the table inside the HTML as Markdown.
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
     blocks += [escaped(note) for note in comparison.notes]
@@ -212,22 +209,25 @@ def _difference(change: Change | None) -> str:
 
 
 def _combined(
-    rows: Sequence[ComparedRow], changes_of_rows: Sequence[list[Change]], last_header: str, last_cells: list[str]
+    rows: Sequence[ComparedRow],
+    changes_of: Callable[[ComparedRow], list[Change]],
+    last_header: str,
+    last_cell: Callable[[ComparedRow], str],
 ) -> Table:
     """One table over all materials: value, change and margin of each quantity in one cell.
 
-    A cell is bold where its change makes a row worse or better. `changes_of_rows` has the changes to show of each row,
-    and `last_cells` its cell in the last column, which `last_header` names.
+    A cell is bold where its change makes a row worse or better. `changes_of` gives the changes to show of a row, and
+    `last_cell` its cell in the last column, which `last_header` names.
     """
-    quantities = _quantities(changes_of_rows)
+    quantities = _quantities(map(changes_of, rows))
     cells = []
     marks: dict[tuple[int, int], str] = {}
-    for i, (row, changes_of_row, last_cell) in enumerate(zip(rows, changes_of_rows, last_cells, strict=True)):
-        changes = [_find(changes_of_row, quantity) for quantity in quantities]
-        cells.append([row.material, row.label, *map(_cell, changes), last_cell])
-        for j, change in enumerate(changes, 2):  # after the columns of material and codec
+    for number, row in enumerate(rows):
+        changes = [_find(changes_of(row), quantity) for quantity in quantities]
+        cells.append([row.material, row.label, *map(_cell, changes), last_cell(row)])
+        for column, change in enumerate(changes, 2):  # after the columns of material and codec
             if change and change.verdict in (Verdict.WORSE, Verdict.BETTER):
-                marks[i, j] = BOLD
+                marks[number, column] = BOLD
     headers = [("material", ""), ("codec", "")]
     for quantity in quantities:
         title = quantity.name.replace("_", " ")

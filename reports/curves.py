@@ -29,9 +29,9 @@ def curves_tables(run: Run) -> Iterator[Table]:
     if AGAINST in rungs.hulls:
         made.append(_differences(rungs))
     made += [_three_metrics(rungs), _footprints(rungs), _in_memory(rungs)]
-    with_rows = [parts for parts in made if not parts[1].empty]  # parts[1]: the values
+    with_rows = [parts for parts in made if not parts.values.empty]
     if with_rows:  # notes on all of them stand once, below the last
-        _, _, _, last_notes = with_rows[-1]
+        last_notes = with_rows[-1].notes
         reach = (
             f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
         )
@@ -73,7 +73,7 @@ def _differences(rungs: Rungs) -> Parts:
         Column("ahead", "on ↑", "won", 0, write=won_cell),
         Column("BD-rate", "median ↓", "rate", 0, signed=True, write=_rate),
     ]
-    return f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR", values, columns, notes
+    return Parts(f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR", values, columns, notes)
 
 
 def _with_interval(kind: str, single: bool) -> Callable[[Row], str]:
@@ -133,7 +133,7 @@ def _three_metrics(rungs: Rungs) -> Parts:
         Column("SSIM", "↑", "ssim", ranked=False, write=_with_place("ssim", 3)),
         Column("FLIP", "↓", "flip", ranked=False, write=_with_place("flip", 3)),
     ]
-    return f"Curves {_where(rungs)}: three metrics, and the place by each", values, columns, []
+    return Parts(f"Curves {_where(rungs)}: three metrics, and the place by each", values, columns, [])
 
 
 def _with_place(field: str, digits: int) -> Callable[[Row], str]:
@@ -149,7 +149,7 @@ def _footprints(rungs: Rungs) -> Parts:
     note = (
         "Footprint: texels a side of a pixel. The truth is averaged over it; a codec without levels of detail aliases."
     )
-    return f"Curves {_where(rungs)}: PSNR by footprint", values, columns, [note]
+    return Parts(f"Curves {_where(rungs)}: PSNR by footprint", values, columns, [note])
 
 
 def _where(rungs: Rungs) -> str:
@@ -175,4 +175,4 @@ def _in_memory(rungs: Rungs) -> Parts:
         "In memory: textures, tables and networks as this suite's decoders hold them to be asked, in float32. "
         f"A renderer may hold them in fewer bits. Lead: over {AGAINST} at equal bytes in memory."
     )
-    return f"Curves over bytes in memory: test PSNR at {MEMORY} bits a texel", values, columns, [note]
+    return Parts(f"Curves over bytes in memory: test PSNR at {MEMORY} bits a texel", values, columns, [note])

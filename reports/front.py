@@ -7,7 +7,7 @@ Times of queries are multiples of the floor. The *lead* of a line is by how many
 equal bytes; two lines are *told apart* if chance hardly explains the gap.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isnan, log2, nan
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from bench.compare.choosing import NEAR_DB
 from bench.compare.paired import AGAINST
 from bench.compare.ranks import Ranks, ranks
 from bench.compare.statistics import FEWEST
-from bench.records import MOST_DB, Run
+from bench.records import MOST_DB, Run, grouped
 from reports.curves import curves_tables
 from reports.notes import about_times
 from reports.numbers import NONE, as_read, fixed, significant
@@ -37,16 +37,7 @@ from reports.of_rungs import (
     untimed,
     why_absent,
 )
-from reports.rungs import (
-    BYTES,
-    EAGER,
-    ENOUGH,
-    FIT,
-    Budget,
-    Rungs,
-    median_over,
-    rungs_of,
-)
+from reports.rungs import BYTES, EAGER, ENOUGH, FIT, Budget, Rungs, median_over, rungs_of
 from reports.table import Note, Table
 from reports.values import Column, Row, written
 
@@ -125,7 +116,7 @@ def budgets_tables(run: Run) -> Iterator[Table]:
     found = [_of_surfaces(rungs, kind, surfaces) for kind, surfaces in groups]
     made = [parts for parts in found if parts]
     if made:  # notes common to them stand once, below the last
-        _, _, _, last_notes = made[-1]
+        last_notes = made[-1].notes
         last_notes += [READ, *common_notes(run, rungs)]
         without_time = untimed(rungs)
         if without_time:
@@ -142,43 +133,53 @@ def _of_surfaces(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | No
     if not lines:
         return None
     values = pd.DataFrame({"codec": lines, "stale": stale_of(rungs, lines, surfaces)}, index=lines)
-    columns = [CODEC]
-    shapes = {rungs.shapes[name] for name in surfaces}
-    best_so_far = 0.0
-    outdone = False
-    absent: dict[str, list[str]] = {}  # sizes by the line that keeps them from having a best
     for budget, found in readings.items():
         name = in_words(budget)
         values[name], values[f"{name} bound"] = found["value"], found["bound"]
         # The test compares rungs, but values at a size are read between rungs. On fewer surfaces it tells nothing.
         tested = budget.kind != BYTES and len(surfaces) >= FEWEST
         values[f"{name} apart"] = values.index.isin(list(rungs.told_apart(budget, surfaces)) if tested else [])
-        better = "↑"
-        if budget.kind == BYTES and len(found):  # to mark a best that is worse than one at a smaller size would mislead
-            best = found["value"].max()
-            if best < best_so_far:
-                outdone, better = True, ""
-            best_so_far = max(best, best_so_far)
-        leader = rungs.absent_leader(budget, surfaces)
-        if leader:
-            absent.setdefault(leader, []).append(name)
-            better = ""
-        above, below = _header(budget, shapes)
-        marks = ("≥", f"{name} bound"), ("*", f"{name} apart")
-        columns.append(Column(above, below, name, better=better, before=marks[0], after=marks[1]))
     # The best first at a size that most codecs reach; ties by the sizes next to it, half of it as near as twice.
     sizes = [budget for budget in readings if budget.kind == BYTES]
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
     values = values.sort_values([in_words(budget) for budget in sizes], ascending=False, kind="stable")
 
+    # The budgets without a mark of the best, for either reason.
+    outdone = _outdone(readings)
+    leader_of = {budget: rungs.absent_leader(budget, surfaces) for budget in readings}
+    with_leader = [budget for budget, leader in leader_of.items() if leader]
+    shapes = {rungs.shapes[name] for name in surfaces}
+    columns = [CODEC]
+    for budget in readings:
+        name = in_words(budget)
+        above, below = _header(budget, shapes)
+        better = "" if budget in (*outdone, *with_leader) else "↑"
+        bound, apart = ("≥", f"{name} bound"), ("*", f"{name} apart")
+        columns.append(Column(above, below, name, better=better, before=bound, after=apart))
     notes = []
     if values.filter(like=" apart").any(axis=None):
         notes.append(f"*: told apart from {AGAINST} in the mean, by Holm's correction over the column.")
     if outdone:
         notes.append("No best is marked at a size where a codec whose curves end before has more dB at a smaller one.")
-    for leader, names in absent.items():
-        notes.append(f"No best is marked at {', '.join(names)}: {why_absent(leader)}.")
-    return _budgets_title(kind, surfaces), values, columns, notes
+    for leader, budgets in grouped(with_leader, lambda budget: leader_of[budget]).items():
+        notes.append(f"No best is marked at {', '.join(map(in_words, budgets))}: {why_absent(leader)}.")
+    return Parts(_budgets_title(kind, surfaces), values, columns, notes)
+
+
+def _outdone(readings: Mapping[Budget, pd.DataFrame]) -> list[Budget]:
+    """The sizes whose best has fewer dB than that of a smaller size, so that to mark it would mislead.
+
+    `readings` are those of `Rungs.readings`; their sizes ascend.
+    """
+    outdone = []
+    best_so_far = 0.0
+    for budget, found in readings.items():
+        if budget.kind == BYTES and len(found):
+            best = found["value"].max()
+            if best < best_so_far:
+                outdone.append(budget)
+            best_so_far = max(best, best_so_far)
+    return outdone
 
 
 def _budgets_title(kind: str, surfaces: Sequence[str]) -> str:
@@ -315,31 +316,44 @@ def _span(limits: list[Budget]) -> str:
     return ", ".join(parts)
 
 
+class _Question(NamedTuple):
+    """A question of the table, with its answer."""
+
+    words: str
+    medians: "pd.Series[float]"  # over the surfaces, by line, the best first
+    metric: Column  # how these are written
+    absent: str = ""  # the line that would answer it if it had files as small on all surfaces; "" without one
+
+
 def when_table(run: Run) -> Iterator[Table]:
     """Which codec when: a question a row, the best codec and the next best, and the numbers of both."""
-    rows = []
-    absent: dict[str, list[str]] = {}  # sizes by the line that keeps them from having a best
-    for question, medians, metric, leader in _questions(rungs_of(run)):
-        if leader:
-            absent.setdefault(leader, []).append(question)
-            continue
-        lines_of: dict[float, list[str]] = {}  # by number as it reads: lines with the same are equally good
-        by_line: dict[Any, float] = medians.to_dict()
-        for line, value in by_line.items():
-            lines_of.setdefault(as_read(value, metric.digits), []).append(line)
-        if not lines_of:  # no line reaches that budget on each surface
-            continue
-        best_first = [*lines_of.items(), (nan, [NONE])]  # there may be no next best
-        (value, best), (next_value, then), *_ = best_first
-        row: dict[str, Any] = {"question": question, "metric": metric}
-        rows.append(row | {"best": _named(best), "then": _named(then), "value": value, "next": next_value})
-    columns = [Column("question", "", "question"), Column("best", "", "best"), Column("then", "", "then")]
-    columns += [
-        Column(name, "", field, write=_with_unit(field)) for name, field in (("best", "value"), ("then", "next"))
+    questions = list(_questions(rungs_of(run)))
+    # Without medians no line reaches that budget on each surface.
+    rows = [_answer(question) for question in questions if len(question.medians) and not question.absent]
+    columns = [
+        Column("question", "", "question"),
+        Column("best", "", "best"),
+        Column("then", "", "then"),
+        Column("best", "", "value", write=_with_unit("value")),
+        Column("then", "", "next", write=_with_unit("next")),
     ]
-    notes = [f"No answer to “{'”, “'.join(asked)}”: {why_absent(leader)}." for leader, asked in absent.items()]
+    notes = []
+    unanswered = [question for question in questions if question.absent]
+    for leader, of_leader in grouped(unanswered, lambda question: question.absent).items():
+        asked = "”, “".join(question.words for question in of_leader)
+        notes.append(f"No answer to “{asked}”: {why_absent(leader)}.")
     if rows:
         yield written("when", "Which codec when", pd.DataFrame(rows), columns, [*notes, _WITHIN], words=3)
+
+
+def _answer(question: _Question) -> dict[str, Any]:
+    """The values of the row of a question: the best and the next best lines, and the numbers of both."""
+    number_of: dict[Any, float] = question.medians.to_dict()
+    # By number as it reads: lines with the same are equally good.
+    best_first = grouped(number_of, lambda line: as_read(number_of[line], question.metric.digits))
+    (value, best), (next_value, then), *_ = [*best_first.items(), (nan, [NONE])]  # there may be no next best
+    row: dict[str, Any] = {"question": question.words, "metric": question.metric}
+    return row | {"best": _named(best), "then": _named(then), "value": value, "next": next_value}
 
 
 def _with_unit(field: str) -> Callable[[Row], str]:
@@ -359,15 +373,6 @@ def _named(lines: Sequence[str]) -> str:
     named = ", ".join(lines[:_TIED])
     more = len(lines) - _TIED
     return f"{named} and {more} more" if more > 0 else named
-
-
-class _Question(NamedTuple):
-    """A question of the table, with its answer."""
-
-    words: str
-    medians: "pd.Series[float]"  # over the surfaces, by line, the best first
-    metric: Column  # how these are written
-    absent: str = ""  # the line that would answer it if it had files as small on all surfaces; "" without one
 
 
 def _questions(rungs: Rungs) -> Iterator[_Question]:

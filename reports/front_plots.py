@@ -64,12 +64,11 @@ def _curves(rungs: Rungs, surfaces: Sequence[str]) -> _Curves:
 def _near(curves: _Curves) -> _Curves:
     """The curves that come near the best at some size, the highest first."""
     best = {bits: max(curve.get(bits, 0.0) for curve in curves.values()) for bits in _SIZES}
-    highest_first = sorted(curves, key=lambda line: -max(curves[line].values(), default=0.0))
-    return {
-        line: curves[line]
-        for line in highest_first
-        if any(value > best[bits] - FAR_DB for bits, value in curves[line].items())
-    }
+    near = {}
+    for line, curve in curves.items():
+        if any(value > best[bits] - FAR_DB for bits, value in curve.items()):
+            near[line] = curve
+    return dict(sorted(near.items(), key=lambda item: -max(item[1].values())))
 
 
 def _steps(rungs: Rungs, surfaces: Sequence[str], lines: Iterable[str]) -> _Curves:

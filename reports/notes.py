@@ -211,24 +211,17 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
 
     Only the codec `relief` does; with its setting `relief` a fit stores a height for each texel only where it pays.
     """
-    with_height: dict[str, dict[str, None]] = {}  # the materials by label, each once
-    without_height: dict[str, dict[str, None]] = {}
-    labels: dict[str, None] = {}
+    found: dict[str, dict[str, dict[str, None]]] = {}  # by label, and by what its files store: the materials, each once
     for material in materials:
         for row in material.measured:
             settings = row.job.get("settings", {})
             if row.job["codec"] == "relief" and settings.get("relief") and (row.timing or row.fused):
                 # The texture has a channel for each latent number; the height is one more.
                 has_height = row.job["cost"]["texture_channels"] == int(settings["latents"]) + 1
-                by_label = with_height if has_height else without_height
-                by_label.setdefault(row.label, {})[material.name] = None
-                labels[row.label] = None
-    for label in labels:
-        words = []
-        if label in with_height:
-            words.append(f"a height on {', '.join(with_height[label])}")
-        if label in without_height:
-            words.append(f"no height on {', '.join(without_height[label])}")
+                what = "a height" if has_height else "no height"
+                found.setdefault(row.label, {}).setdefault(what, {})[material.name] = None
+    for label, materials_of in found.items():
+        words = [f"{what} on {', '.join(materials_of[what])}" for what in sorted(materials_of)]
         yield f"{label}: its file stores {'; '.join(words)}; rays are marched through a height, which takes time."
 
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isnan
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -13,7 +14,6 @@ from reports.numbers import NONE, signed
 from reports.rungs import BYTES, EAGER, FIT, LEAST_SURFACES, Budget, Rungs, Summary
 from reports.values import Column, Row
 
-Parts = tuple[str, pd.DataFrame, list[Column], list[str]]  # title, values, columns and notes of a table
 _NAMED = 5  # rows that a note on excluded records names
 CODEC = Column("codec", "", "codec")
 METRICS = [Column("PSNR", "dB", "psnr", 2), Column("SSIM", "", "ssim", 3), Column("FLIP", "", "flip", 3)]
@@ -22,6 +22,15 @@ READ = (
     f"At a size: test pairs, read off a codec's curve (docs/metrics.md, “Curves”). {NONE}: it does not reach that size "
     f"on each surface. ≥: fewer than three rungs, the best within that size. {CAP}"
 )
+
+
+class Parts(NamedTuple):
+    """What `reports.values.written` makes a table of."""
+
+    title: str
+    values: pd.DataFrame
+    columns: list[Column]
+    notes: list[str]
 
 
 def of_leads(leads: Mapping[str, Summary | None]) -> pd.DataFrame:

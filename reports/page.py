@@ -11,7 +11,7 @@ lacks, most likely the reader's.
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.resources import files
 from itertools import chain
 from typing import Any
@@ -31,7 +31,7 @@ from reports.scene_models import scene_gains
 from reports.scene_pictures import scene_strips
 from reports.shaders.writer import WIDTH
 from reports.styles import is_own
-from reports.table import Apart, Table
+from reports.table import Table
 from reports.viewer.page import Data, as_json, fragment, pack
 
 # Kinds of figures that the page does not hold: it draws the first four itself, and the others are too large.
@@ -140,14 +140,14 @@ class Page:
                 continue
             if self.slices[number]["codecs"] and not self.kept_back(material):
                 yield Data(f"slices{number}", as_json(self.slices[number]))
-            for i, model in enumerate(self.live[material.name].models.values()):
-                yield Data(f"live{number}-{i}", model, "text/plain")
+            for place, model in enumerate(self.live[material.name].models.values()):
+                yield Data(f"live{number}-{place}", model, "text/plain")
         yield Data("records-data", pack(self.records.records), "text/plain")
 
     def links(self) -> list[tuple[str, str]]:
         """The table of contents of the page: the target of each link, and its text."""
         links = [("#summary", "Summary")]
-        links += [(f"#m{i}", material.name) for i, material in enumerate(self.materials)]
+        links += [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
         if self.rest:
             links.append(("#more", "More"))
         return [*links, ("#records", "Records and provenance")]
@@ -211,11 +211,10 @@ class Page:
         count = names.index("materials")
         rows_differ = len({row[count] for row in table.rows}) > 1  # else the column says nothing of any codec
         order = [0, psnr]  # of columns by their old places; 0 is that of the codecs
-        order += [i for i in range(1, len(names)) if i not in (psnr, count)]
+        order += [column for column in range(1, len(names)) if column not in (psnr, count)]
         if rows_differ:
             order.append(count)
-        notes = [note for note in table.notes if not isinstance(note, Apart)]
-        return replace(table.of_columns(order), notes=notes)
+        return table.of_columns(order).without_apart()
 
     def scene(self, material: MaterialRows) -> Scene | None:
         """What the section of a material says of its scene; None if the run is for none."""
@@ -223,12 +222,9 @@ class Page:
         if not tables:
             return None
         name = material.measured[0].job["scene"]["name"]
-        gains = list(scene_gains(material))
-        without_gains = []  # the tables without the notes on gains, which the page shows above them
-        for table in tables:
-            notes = [note for note in table.notes if not isinstance(note, Apart)]
-            without_gains.append(replace(table, notes=notes))
-        return Scene(name, gains, list(scene_strips(self.run, material)), without_gains)
+        strips = list(scene_strips(self.run, material))
+        without_gains = [table.without_apart() for table in tables]  # which the page shows above them
+        return Scene(name, list(scene_gains(material)), strips, without_gains)
 
     def kinds(self, material: MaterialRows) -> str:
         """The kinds of plots in the section of a material, parted by spaces, for the page's script."""
@@ -311,14 +307,14 @@ class PageRecords:
         # Fields with paths: of several runs that are read together, these paths are absolute, and of this machine.
         path_fields = set(field_names(ARTEFACT)) - {"file"}
         characters_left = RECORDS_BUDGET
-        for m, material in enumerate(materials):
-            for c, codec in enumerate(material.codecs):
+        for number, material in enumerate(materials):
+            for place, codec in enumerate(material.codecs):
                 record = [_record(row, without=path_fields) for row in codec.rows]
                 characters_left -= len(json.dumps(record))
                 if characters_left < 0:  # it stays so: from the first that does not fit, all are left out
                     self.left_out += 1
                     continue
-                element = f"r{m}-{c}"  # its id
+                element = f"r{number}-{place}"  # its id
                 self.places[material.name, codec.label] = f"#{element}"
                 self.names.append((element, f"{material.name}, {codec.label}", _fit_in_words(codec)))
                 self.records.append(record)

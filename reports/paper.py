@@ -178,23 +178,11 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
     with its status. A material of the paper that could not be had has one with the paper's numbers beside `none yet`; a
     nearest one has none. A note says of either where to get it. The arguments are as for `_short_table`.
     """
-    rows: list[dict[str, Any]] = []
+    rows = []
     for _, of_row in numbers.groupby(["material", "label", "status", "fitted", "group"], sort=False):
-        fits = of_row.to_dict("records")  # one for each family
-        first = fits[0]
-        if first["status"] != "ok" and first["group"] != "all":
-            continue
-        name = first["material"] if first["itself"] else f"{first['material']}, for {first['paper']}"
-        spread = "" if isnan(first["over_seeds"]) else f", ± {fixed(first['over_seeds'], 2)}"
-        row = {"material": ", ".join(filter(None, [name, first["size"]])), "codec": first["label"]}
-        row |= {"seeds": f"{first['seeds']}{spread}", "pairs": _PAIRS[first["group"]], "stale": first["stale"]}
-        for fit in fits:
-            family = fit["family"]
-            row |= {family: fit["why"] if isnan(fit["mean"]) else fit["mean"], f"{family} ±": fit["std"]}
-        row |= _printed(first["paper"] if codec_of(first["label"]) == METHOD else "")  # of other codecs it states none
-        if first["group"] not in _PUBLISHED_PAIRS:
-            row |= dict.fromkeys([f"{family} print" for family in _METRICS], "")
-        rows.append(row)
+        fits = of_row.to_dict("records")
+        if fits[0]["status"] == "ok" or fits[0]["group"] == "all":
+            rows.append(_full_row(fits))
     for material in [name for name in missing if name in PUBLISHED]:
         row = {"material": material, "codec": f"{METHOD} {RECIPE}", "seeds": "", "pairs": "all", "stale": ""}
         rows.append(row | dict.fromkeys(_METRICS, NONE_YET) | _printed(material))
@@ -210,6 +198,22 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
         notes.append(_HOW_TO_GET)
     values = pd.DataFrame(rows, dtype=object)
     return written("paper", "Quality of every fit, beside Table 1 of NeuBTF (2023)", values, columns, notes, words=4)
+
+
+def _full_row(fits: Sequence[Mapping[Any, Any]]) -> dict[str, Any]:
+    """The values of a row of the full table, from its rows of `_numbers`, one for each family of metric."""
+    first = fits[0]
+    name = first["material"] if first["itself"] else f"{first['material']}, for {first['paper']}"
+    spread = "" if isnan(first["over_seeds"]) else f", ± {fixed(first['over_seeds'], 2)}"
+    row: dict[str, Any] = {"material": ", ".join(filter(None, [name, first["size"]])), "codec": first["label"]}
+    row |= {"seeds": f"{first['seeds']}{spread}", "pairs": _PAIRS[first["group"]], "stale": first["stale"]}
+    for fit in fits:
+        family = fit["family"]
+        row |= {family: fit["why"] if isnan(fit["mean"]) else fit["mean"], f"{family} ±": fit["std"]}
+    row |= _printed(first["paper"] if codec_of(first["label"]) == METHOD else "")  # of other codecs it states none
+    if first["group"] not in _PUBLISHED_PAIRS:
+        row |= dict.fromkeys([f"{family} print" for family in _METRICS], "")
+    return row
 
 
 def _printed(material: str) -> dict[str, float]:

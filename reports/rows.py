@@ -135,11 +135,8 @@ class MaterialRows:
     @cached_property
     def codecs(self) -> list[CodecRows]:
         """The rows by codec with its settings, without those that have no result on any material of the run."""
-        by_label: dict[str, list[Row]] = {}
-        for row in self.rows:
-            if row.label not in self.without_results:
-                by_label.setdefault(row.label, []).append(row)
-        return [CodecRows(label, rows) for label, rows in by_label.items()]
+        rows_of_label = grouped(self.rows, lambda row: row.label)
+        return [CodecRows(label, rows) for label, rows in rows_of_label.items() if label not in self.without_results]
 
     @property
     def seeds(self) -> list[int]:

@@ -30,7 +30,7 @@ from bench.compare.statistics import (
     upper_hull,
 )
 from bench.metrics import stats_of
-from bench.records import FLIP, PSNR, SSIM, Job, Records, Run, fitted_to_scene, kind_order, view
+from bench.records import FLIP, PSNR, SSIM, Job, Records, Run, fitted_to_scene, grouped, kind_order, view
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
@@ -40,6 +40,8 @@ LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
 LEAST_SURFACES = 10  # below which no lead is told apart
 DRAWS = 200  # draws of the seeds of each rung, of those that have several
 FOOTPRINTS = ("1", "2", "4", "8")  # texels a side of a pixel, as records name them
+# The budgets of each kind of time, which ascend.
+_OF_TIME: dict[str, tuple[int, ...]] = {EAGER: TIMES, FUSED: TIMES, FIT: SECONDS}
 # The family of metrics of a rung's scores at test pairs, means over slices, by name of their column.
 _TEST = {"psnr": PSNR, "ssim": SSIM, "flip": FLIP}
 _SCORES = ["validation", *_TEST, *FOOTPRINTS]
@@ -51,6 +53,11 @@ class Budget(NamedTuple):
 
     kind: str
     most: float
+
+    @property
+    def column(self) -> str:
+        """The column of `Rungs.frame` that it limits."""
+        return "bits" if self.kind == BYTES else self.kind
 
 
 ENOUGH = Budget(BYTES, 32)  # the budget of ranks, and for questions about a single material or metric
@@ -113,7 +120,7 @@ class Rungs:
     @property
     def times(self) -> list[str]:
         """The kinds of times that were measured."""
-        return [kind for kind in (EAGER, FUSED, FIT) if self.frame[kind].notna().any()]
+        return [kind for kind in _OF_TIME if self.frame[kind].notna().any()]
 
     @property
     def codecs(self) -> dict[str, str]:
@@ -125,14 +132,14 @@ class Rungs:
         """The budgets: those of bytes first, then of each kind of time that was measured; those of a kind ascend."""
         limits = [Budget(BYTES, most) for most in BITS]
         for kind in self.times:
-            limits += [Budget(kind, most) for most in (SECONDS if kind == FIT else TIMES)]
+            limits += [Budget(kind, most) for most in _OF_TIME[kind]]
         return limits
 
     @property
     def kinds(self) -> dict[str, list[str]]:
         """The surfaces by kind, in the order of kinds."""
-        kinds = sorted(dict.fromkeys(self.surfaces.values()), key=kind_order)
-        return {kind: [name for name, own in self.surfaces.items() if own == kind] for kind in kinds}
+        by_kind = grouped(self.surfaces, lambda name: self.surfaces[name])
+        return {kind: by_kind[kind] for kind in sorted(by_kind, key=kind_order)}
 
     def over_memory(self) -> "Rungs":
         """The same rungs with curves over the bits a texel that a decoder takes in memory; without those not known."""
@@ -150,9 +157,11 @@ class Rungs:
         for (line, surface), rungs in by_curve.items():
             if len(rungs) < LEAST_RUNGS or surface not in self.surfaces:
                 continue
-            picked = [int(rungs[i]) for i in upper_hull([sizes[i] for i in rungs], [scores[i] for i in rungs])]
-            hull = Hull([sizes[i] for i in picked], picked)
-            largest = max(sizes[i] for i in rungs)
+            own_sizes = [sizes[rung] for rung in rungs]
+            on_hull = upper_hull(own_sizes, [scores[rung] for rung in rungs])
+            picked = [int(rungs[place]) for place in on_hull]
+            hull = Hull([sizes[rung] for rung in picked], picked)
+            largest = max(own_sizes)
             if largest > hull.sizes[-1]:  # it goes on level
                 hull.sizes.append(largest)
                 hull.rungs.append(picked[-1])
@@ -205,22 +214,26 @@ class Rungs:
         less of the budget, then to the first. Lines without such a rung on each surface are left out.
         """
         places = self._places
-        columns = [places.surfaces.index(name) for name in surfaces]
-        on_them = np.isin(places.surface, columns)  # of each rung, as the next two
-        surfaces_of_setting = np.bincount(places.setting[on_them], minlength=len(self.frame))
-        of_common_setting = surfaces_of_setting[places.setting] == len(surfaces)
-        cost = "bits" if budget.kind == BYTES else budget.kind
-        fits = on_them & of_common_setting & (self._columns[cost] <= budget.most)
+        cost = self._columns[budget.column]
+        allowed = self._of_common_settings(surfaces) & (cost <= budget.most)
         # From the best on, so that the first of each line and surface is the one.
-        best_first = np.lexsort([self._columns[cost], self._columns["bits"], -self._columns["validation"]])
-        best_first = best_first[fits[best_first]]
+        best_first = np.lexsort([cost, self._columns["bits"], -self._columns["validation"]])
+        best_first = best_first[allowed[best_first]]
         cell_of_rung = places.line[best_first] * len(places.surfaces) + places.surface[best_first]
         cells, first = np.unique(cell_of_rung, return_index=True)
         table = np.full((len(places.lines), len(places.surfaces)), -1)  # −1: no rung
         table.flat[cells] = best_first[first]
-        table = table[:, columns]
+        table = table[:, [places.surfaces.index(name) for name in surfaces]]
         full = np.flatnonzero((table >= 0).all(1))
         return pd.DataFrame(table[full], [places.lines[number] for number in full], [*surfaces])
+
+    def _of_common_settings(self, surfaces: Sequence[str]) -> np.ndarray:
+        """The mask (rungs,) of those on some surfaces, of the settings that were measured on all of these."""
+        places = self._places
+        on_them = np.isin(places.surface, [places.surfaces.index(name) for name in surfaces])
+        surfaces_of_setting = np.bincount(places.setting[on_them], minlength=len(self.frame))
+        mask: np.ndarray = on_them & (surfaces_of_setting[places.setting] == len(surfaces))
+        return mask
 
     def of_picks(self, picks: pd.DataFrame, score: str = "psnr") -> pd.DataFrame:
         """A column of the rungs that `picks` names, by line and surface."""
@@ -400,19 +413,24 @@ def rungs_of(run: Run) -> Rungs:
     comparable = frame[frame["why"] == ""]
     values = _values_of_jobs(comparable, [scored[name] for name in comparable["job"]])
     rungs = _means_over_seeds(values)
+    within = _materials_within_budgets(rungs)
+    surfaces: dict[str, str] = {}
+    shapes = {}
+    for row in values.to_dict("records"):  # of each material, its last job counts
+        shapes[row["material"]] = int(row["height"]), int(row["width"])
+        if row["material"] in within:
+            surfaces[row["material"]] = row["surface"]
+    stale = values[values["stale"] != ""].drop_duplicates(["line", "material"], keep="last").to_dict("records")
+    reasons = {(row["line"], row["material"]): f"{row['codec']}: {row['stale']}" for row in stale}
+    return Rungs(rungs, surfaces, shapes, reasons, without, unlike)
 
-    within_a_budget = rungs["bits"] <= BITS[-1]
-    for kind in (EAGER, FUSED, FIT):
-        within_a_budget |= rungs[kind] <= (SECONDS if kind == FIT else TIMES)[-1]
-    materials = set(rungs.loc[within_a_budget, "material"])
-    last: Any = values.drop_duplicates("material", keep="last").set_index("material").to_dict("index")
-    in_order = values["material"].unique()  # that of the records
-    surfaces = {material: last[material]["surface"] for material in in_order if material in materials}
-    shapes = {material: (int(row["height"]), int(row["width"])) for material, row in last.items()}
-    stale = values[values["stale"] != ""].drop_duplicates(["line", "material"], keep="last")
-    reasons = stale["codec"] + ": " + stale["stale"]
-    stale_of = dict(zip(zip(stale["line"], stale["material"], strict=True), reasons, strict=True))
-    return Rungs(rungs, surfaces, shapes, stale_of, without, unlike)
+
+def _materials_within_budgets(rungs: pd.DataFrame) -> set[str]:
+    """The materials that have a rung within the largest budget of some kind."""
+    within = rungs["bits"] <= BITS[-1]
+    for kind, budgets in _OF_TIME.items():
+        within |= rungs[kind] <= budgets[-1]
+    return set(rungs.loc[within, "material"])
 
 
 def _values_of_jobs(frame: pd.DataFrame, jobs: Sequence[Job]) -> pd.DataFrame:
@@ -434,15 +452,15 @@ def _values_of_jobs(frame: pd.DataFrame, jobs: Sequence[Job]) -> pd.DataFrame:
 def _means_over_seeds(values: pd.DataFrame) -> pd.DataFrame:
     """The rungs of the jobs of `_values_of_jobs`, as `Rungs.frame` has them."""
     # By label, which names what differs from the defaults: a setting that is added later splits no rung.
-    grouped = values.groupby(["line", "label", "material"], sort=False)
-    rungs = grouped[["codec", "setting", "job", "height", "width"]].first()
-    rungs = rungs.join(grouped[[*_SCORES, *_COSTS]].mean())
+    by_rung = values.groupby(["line", "label", "material"], sort=False)
+    rungs = by_rung[["codec", "setting", "job", "height", "width"]].first()
+    rungs = rungs.join(by_rung[[*_SCORES, *_COSTS]].mean())
     seeds: list[list[float]] = [[] for _ in range(len(rungs))]
-    for rung, psnr in zip(grouped.ngroup().tolist(), values["psnr"].tolist(), strict=True):
+    for rung, psnr in zip(by_rung.ngroup().tolist(), values["psnr"].tolist(), strict=True):
         seeds[rung].append(psnr)
     rungs["seeds"] = seeds
     for name in _SCORES:  # a mean of some seeds would not compare
-        rungs.loc[grouped[name].count() < grouped.size(), name] = np.nan
+        rungs.loc[by_rung[name].count() < by_rung.size(), name] = np.nan
     rungs = rungs.reset_index()
     # Lines in the order of records, and of each its settings.
     order = np.lexsort([pd.factorize(rungs["label"])[0], pd.factorize(rungs["line"])[0]])

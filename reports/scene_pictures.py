@@ -35,7 +35,8 @@ def scene_strips(run: Run, material: MaterialRows) -> Iterator[list[tuple[str, s
         return
     _, first_frames = models[0]
     truth = first_frames["truth"]  # (n, H, W, 3), the same for all
-    models = _with_frames_like(models, truth)  # others have no picture at each place of the truth's
+    # Others have no picture at each place of the truth's.
+    models = [(row, frames) for row, frames in models if frames["decoded"].shape == truth.shape]
     for number, picture in enumerate(truth):
         pictures = [("the reference table", _webp(picture))]
         for row, frames in models:
@@ -58,11 +59,6 @@ def _labels_of_models(material: MaterialRows) -> list[str]:
         return labels
     best_first = sorted(material.shown, key=_quality, reverse=True)
     return [row.label for row in best_first[:WHOLE]]
-
-
-def _with_frames_like(models: list[tuple[Row, Arrays]], truth: np.ndarray) -> list[tuple[Row, Arrays]]:
-    """The models whose decoded frames are as many and as large as those of the truth, (n, H, W, 3)."""
-    return [(row, frames) for row, frames in models if frames["decoded"].shape == truth.shape]
 
 
 def _quality(row: Row) -> float:

@@ -7,6 +7,8 @@ and its `points`, lists of numbers; with `line`, a line joins them; one line joi
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from operator import itemgetter
 from statistics import fmean
 from typing import Any
 
@@ -16,7 +18,7 @@ from bench.compare.choosing import has_validation, validation_of
 from bench.compare.frame import line_of
 from bench.compare.paired import decibels
 from bench.inputs.errors import InputError
-from bench.records import Run, counted, view
+from bench.records import Run, counted, grouped, view
 from reports.fits import FitCurve, curves_by_material, stages_note
 from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.styles import Styles, is_own
@@ -96,32 +98,32 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
 
     # Plots of a point a codec: quality over bytes, over the time of a query, and over the time of the fit.
     quality = f"{QUALITY} ({material.deciding_in_words})"
-    x = {"label": "bytes of the file", "log": True, "unit": "B", "less": True}
-    yield plot("rate", "Rate and distortion", x, quality, _points(whole, lambda row: [row.job["bytes"]["total"]]))
+    size = {"label": "bytes of the file", "log": True, "unit": "B", "less": True}
+    yield plot("rate", "Rate and distortion", size, quality, _points(whole, lambda row: [row.job["bytes"]["total"]]))
+    time = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns", "less": True}
+    yield plot("speed", "Speed and accuracy", time, quality, _points(whole, _time))
+    fit = {"label": "seconds of the fit", "log": True, "unit": "s", "less": True}
+    yield plot("cost", "Fit and accuracy", fit, quality, _points(whole, _fit_seconds))
 
-    x = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns", "less": True}
-    yield plot("speed", "Speed and accuracy", x, quality, _points(whole, _time))
-    x = {"label": "seconds of the fit", "log": True, "unit": "s", "less": True}
-    yield plot("cost", "Fit and accuracy", x, quality, _points(whole, _fit_seconds))
-
-    # The curves of fits; their axis is the same seconds.
+    # The curves of fits.
     labels = {codec.label for codec in in_crowded_plots}
-    drawn = [fit for fit in curves if fit.label in labels]
+    drawn = [curve for curve in curves if curve.label in labels]
     quality_in_fit = f"{QUALITY} (training samples)"
-    yield plot("fits", f"Quality over seconds{remark}", x, quality_in_fit, _fit_lines(drawn), stages_note(drawn))
+    yield plot("fits", f"Quality over seconds{remark}", fit, quality_in_fit, _fit_lines(drawn), stages_note(drawn))
 
     # Quality over footprints. A plot of single points would show no change of quality, so it is left without points.
     footprint_points = {codec.label: _footprints(codec) for codec in in_crowded_plots}
     sides: set[float] = set()  # of all footprints, in texels
     for points in footprint_points.values():
         sides.update(side for side, _ in points)
-    x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": sorted(sides)}
+    footprint = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": sorted(sides)}
     has_lines = any(len(points) > 1 for points in footprint_points.values())
-    yield plot("footprints", f"Level of detail{remark}", x, quality, _lines(footprint_points) if has_lines else [])
+    lines = _lines(footprint_points) if has_lines else []
+    yield plot("footprints", f"Level of detail{remark}", footprint, quality, lines)
 
     # The spread of slices, a row a codec: the y axis has no label.
-    x = {"label": f"{QUALITY} a slice: from the worst 5 % to the best 5 %, the middle half thick", "unit": "dB"}
-    yield plot("slices", f"Slices by their error{remark}", x, "", _spreads(run, in_crowded_plots))
+    spread = {"label": f"{QUALITY} a slice: from the worst 5 % to the best 5 %, the middle half thick", "unit": "dB"}
+    yield plot("slices", f"Slices by their error{remark}", spread, "", _spreads(run, in_crowded_plots))
 
 
 def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
@@ -133,20 +135,18 @@ def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
     rows = [row for codec in codecs for row in codec.measured]
     by_validation = all(has_validation(row.job) for row in rows)
 
-    def score(row: Row) -> float:
-        """The PSNR in dB by which a row is chosen."""
+    def psnr_of(row: Row) -> float:
+        """The PSNR of a row in dB by which its setting is chosen."""
         psnr = validation_of(row.job).get("mean") if by_validation else row.psnr
         return counted(psnr)
 
-    best: dict[str, tuple[float, CodecRows]] = {}  # by codec: the PSNR, and the rows of the setting
-    for codec in codecs:
-        if not codec.measured:
-            continue
-        quality = fmean(map(score, codec.measured))
-        name = line_of(codec.measured[0].job)
-        if name not in best or quality > best[name][0]:
-            best[name] = quality, codec
-    return [codec for _, codec in best.values()]
+    def quality(codec: CodecRows) -> float:
+        """The mean PSNR of a setting over its seeds."""
+        return fmean(map(psnr_of, codec.measured))
+
+    measured = [codec for codec in codecs if codec.measured]
+    settings_of_lines = grouped(measured, lambda codec: line_of(codec.measured[0].job))
+    return [max(settings, key=quality) for settings in settings_of_lines.values()]
 
 
 def _time(row: Row) -> list[float] | None:
@@ -238,10 +238,8 @@ def _of_means(kind: str, of_materials: Sequence[Plot], count: int) -> Plot:
     mean would be over fewer materials than the others'.
     """
     plots = [plot for plot in of_materials if plot["kind"] == kind]
-    entries_by_label: dict[str, Series] = {}  # for each codec, its entries in these plots
-    for plot in plots:
-        for entry in plot["series"]:
-            entries_by_label.setdefault(str(entry["label"]), []).append(entry)
+    # For each codec, its entries in these plots.
+    entries_by_label = grouped(chain.from_iterable(plot["series"] for plot in plots), itemgetter("label"))
     series = []
     for entries in entries_by_label.values():
         if len(entries) == count:

@@ -103,8 +103,9 @@ class _Cells:
         self.records = {(record["subject"], record["extreme"]): record for record in records}
         reasons = dict.fromkeys(record["detail"] for record in records if record["verdict"] == "n/a")
         self.letters: dict[str, str] = {}  # by reason: a, b, …, z, aa, bb, …
-        for i, reason in enumerate(reasons):
-            self.letters[reason] = ascii_lowercase[i % 26] * (1 + i // 26)
+        for number, reason in enumerate(reasons):
+            rounds, place = divmod(number, 26)
+            self.letters[reason] = ascii_lowercase[place] * (1 + rounds)
 
     def text(self, subject: str, extreme: str) -> str:
         """The text of a cell: the verdict with its figure, as “pass 31.2 dB”; `n/a` with the letter of the reason; a

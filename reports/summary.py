@@ -8,6 +8,7 @@ the mean over slices of its PSNR minus that row's, in dB. *Told apart* are two w
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import chain
 from math import inf, nan
 from statistics import fmean
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -58,23 +59,27 @@ def summary_table(
     codecs = with_rank(materials, ranking)
     to_one = against_one(run, materials, codecs, against) if intervals else None
 
-    columns = [
-        Column("codec", "", "codec"),
-        Column("materials", "", "materials", write=lambda row: f"{row['materials']:.0f} of {len(measured)}"),
+    measures, on_materials = _on_materials(measured)
+    means = [
         Column("mean rank", "↓", "mean rank"),
         Column("won", "↑", "won", 0),
         Column("PSNR", "dB ↑", "PSNR", 2),
     ]
-    measures, on_materials = _on_materials(measured)
     for measure in measures:
-        apart = "timed apart" if measure.timed else ""  # such a time gets a star and is not ranked
-        after = ("*", apart) if apart else ("", "")
-        columns.append(Column(measure.name, measure.unit, measure.name, measure.digits, after=after, unranked=apart))
+        column = Column(measure.name, measure.unit, measure.name, measure.digits)
+        if measure.timed:  # a time that was measured apart from the others gets a star and is not ranked
+            column = column._replace(after=("*", "timed apart"), unranked="timed apart")
+        means.append(column)
+    columns = [
+        Column("codec", "", "codec"),
+        Column("materials", "", "materials", write=lambda row: f"{row['materials']:.0f} of {len(measured)}"),
+        *means,
+    ]
     rows = []
     for standing in ranking:
         row = _row(standing, on_materials[standing.label], measures)
         if standing.rank is None:
-            row |= {column.field: nan for column in columns[2:]}
+            row |= {column.field: nan for column in means}
         if not stale:
             row["stale"] = ""
         rows.append(row)
@@ -93,17 +98,26 @@ def summary_table(
     return written("summary", title, pd.DataFrame(rows, dtype=object), columns, notes)
 
 
-def _row(standing: Standing, on_each: Sequence[Mapping[str, Any]], measures: Sequence[Measure]) -> dict[str, Any]:
-    """The values of a codec by column, as means over its materials; `on_each` is what `_on_materials` says of it."""
+class _OnMaterial(NamedTuple):
+    """The values of a codec on one material, over its seeds."""
+
+    stale: str  # see `reports.by_material.rows_of`, as of the next
+    timed_apart: bool
+    stated: dict[str, float]  # by name of a column; infinite if no slice has an error
+    counted: dict[str, float]  # the same, but such a slice counts as a number, such as 48.13 dB
+
+
+def _row(standing: Standing, on_each: Sequence[_OnMaterial], measures: Sequence[Measure]) -> dict[str, Any]:
+    """The values of a codec by column, as means over its materials."""
     return {
         "codec": standing.label,
-        "stale": next((on["stale"] for on in reversed(on_each) if on["stale"]), ""),
-        "timed apart": any(on["timed apart"] for on in on_each),
+        "stale": next((on.stale for on in reversed(on_each) if on.stale), ""),
+        "timed apart": any(on.timed_apart for on in on_each),
         "materials": standing.materials,
         "mean rank": standing.rank,
         "won": standing.wins,
         "PSNR": standing.psnr,
-        **{measure.name: _mean([on.get(measure.name, (nan, nan)) for on in on_each]) for measure in measures},
+        **{measure.name: _mean(measure.name, on_each) for measure in measures},
     }
 
 
@@ -125,37 +139,34 @@ def _notes(
     return notes
 
 
-def _on_materials(measured: Sequence[MaterialRows]) -> tuple[list[Measure], dict[str, list[Mapping[str, Any]]]]:
-    """The columns after that of PSNR; and by label of a codec its values on each of its materials.
-
-    Its values on a material are, by name of a column, two means over seeds: one that is infinite if no slice has an
-    error, and one in which such a slice counts as a number, such as 48.13 dB. Beside them stand the columns `stale` and
-    `timed apart` of `reports.by_material.rows_of`.
-    """
+def _on_materials(measured: Sequence[MaterialRows]) -> tuple[list[Measure], dict[str, list[_OnMaterial]]]:
+    """The columns after that of PSNR; and by label of a codec its values on each of its materials."""
     measures: dict[str, Measure] = {}  # by name: two variants of a metric are one column
-    found: dict[str, list[Mapping[str, Any]]] = {}
+    found: dict[str, list[_OnMaterial]] = {}
     for material in measured:
         own = in_summary(material)
         measures |= {measure.name: measure for measure in own}
         codecs = [codec for codec in material.codecs if codec.measured]
         as_stated = rows_of(codecs, own)
-        counted = rows_of(codecs, [measure._replace(stated=False) for measure in own])
-        for values, numbers in zip(as_stated, counted, strict=True):
-            pairs = {measure.name: (values[measure.field], numbers[measure.field]) for measure in own}
-            found.setdefault(values["codec"], []).append(values | pairs)
+        as_counted = rows_of(codecs, [measure._replace(stated=False) for measure in own])
+        for values, numbers in zip(as_stated, as_counted, strict=True):
+            stated = {measure.name: values[measure.field] for measure in own}
+            counted = {measure.name: numbers[measure.field] for measure in own}
+            on = _OnMaterial(values["stale"], values["timed apart"], stated, counted)
+            found.setdefault(values["codec"], []).append(on)
+    all_found = list(chain.from_iterable(found.values()))
     shown = []
     for measure in sorted(measures.values(), key=lambda measure: not measure.stated):  # metrics before costs
-        everywhere = [on[measure.name][0] for on_each in found.values() for on in on_each if measure.name in on]
-        if not measure.sparse or pd.notna(everywhere).any():
+        if not measure.sparse or any(pd.notna(on.stated.get(measure.name)) for on in all_found):
             shown.append(measure)
     return shown, found
 
 
-def _mean(pairs: Sequence[tuple[Any, Any]]) -> float:
-    """The mean over materials of the pairs of `_on_materials`; infinite if each is, NaN if a material has no number."""
-    if all(stated == inf for stated, _ in pairs):
+def _mean(name: str, on_each: Sequence[_OnMaterial]) -> float:
+    """The mean of a column over materials; infinite if each value is, NaN if a material has no number."""
+    if all(on.stated.get(name) == inf for on in on_each):
         return inf
-    return fmean(number for _, number in pairs)
+    return fmean(on.counted.get(name, nan) for on in on_each)
 
 
 class _Differences(NamedTuple):

@@ -109,6 +109,10 @@ class Table:
         words = {word.rstrip(" ↑↓") for word in chain.from_iterable(self.headers)}  # names and units, without arrows
         return [(term, explanation) for term, explanation in TERMS.items() if term in words]
 
+    def without_apart(self) -> "Table":
+        """The table without the notes that a page shows elsewhere."""
+        return replace(self, notes=[note for note in self.notes if not isinstance(note, Apart)])
+
     def with_short_labels(self) -> "Table":
         """The table without the settings that every label of its column "codec" has; a note says them once.
 
@@ -146,18 +150,18 @@ class Table:
 
         Rows without any number in these columns are left out. `kept` has the columns of words before those of numbers.
         """
-        number_columns = [i for i in kept if i >= self.words]
+        number_columns = [column for column in kept if column >= self.words]
         rows: list[list[str]] = []
         new_places: dict[int, int] = {}  # of the kept rows, by their old places
         for old_place, row in enumerate(self.rows):
-            if any(row[i] not in (NONE, "") for i in number_columns):
+            if any(row[column] not in (NONE, "") for column in number_columns):
                 new_places[old_place] = len(rows)
-                rows.append([row[i] for i in kept])
+                rows.append([row[column] for column in kept])
         marks = {}
-        for (old_place, i), mark in self.marks.items():
-            if i in kept:  # a marked cell has a number, so its row is kept as well
-                marks[new_places[old_place], kept.index(i)] = mark
-        headers = [self.headers[i] for i in kept]
+        for (old_place, column), mark in self.marks.items():
+            if column in kept:  # a marked cell has a number, so its row is kept as well
+                marks[new_places[old_place], kept.index(column)] = mark
+        headers = [self.headers[column] for column in kept]
         names = [name for name, _ in headers[self.words :]]  # of the kept columns of numbers, which notes are about
         notes = []
         for note in self.notes:

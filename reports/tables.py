@@ -21,6 +21,9 @@ from reports.table import Table
 from reports.times import times_tables, variant_tables
 from reports.trade import trade_tables
 
+# A function that makes the tables of a kind, from a run and its rows by material; None is no table.
+Maker = Callable[[Run, list[MaterialRows]], Iterable[Table | None]]
+
 
 def all_tables(
     run: Run,
@@ -69,24 +72,22 @@ def unfinished_table(run: Run, materials: Iterable[MaterialRows]) -> Table | Non
     return Table("unfinished", "Jobs without a result", headers, rows, words=4)
 
 
-def _by_budget(kind: str) -> "Maker":
+def _by_budget(kind: str) -> Maker:
     """A maker of the tables of a kind in `BY_BUDGET`. It makes none if no job was scored at validation pairs, by which
     these tables choose settings."""
     return lambda run, _: front.TABLES[kind](run) if any(map(has_validation, run.jobs)) else []
 
 
-def _by_material(kind: str) -> "Maker":
+def _by_material(kind: str) -> Maker:
     """A maker of a table for each material that was measured; see `reports.by_material.tables`."""
     return lambda _, rows: by_material.tables(rows, kind)
 
 
-def _of_trade(whole: bool) -> "Maker":
+def _of_trade(whole: bool) -> Maker:
     """A maker of the tables of `neubtf-bench trade`; for `whole` see `reports.trade.trade_tables`."""
     return lambda run, _: [*trade_tables(run, whole), *variant_tables(run, "trade")]
 
 
-# A function that makes the tables of a kind, from a run and its rows by material; None is no table.
-Maker = Callable[[Run, list[MaterialRows]], Iterable[Table | None]]
 _OF_KIND: dict[str, Maker] = {
     **{kind: _by_budget(kind) for kind in BY_BUDGET},
     **{kind: _by_material(kind) for kind in BY_MATERIAL},

@@ -14,7 +14,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import count, zip_longest
+from itertools import chain, count, zip_longest
 
 from tabulate import tabulate
 
@@ -32,6 +32,8 @@ _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
 _OF_A_PROGRAM = re.compile(r"\bdocs/[\w/-]+\.md\b|`(neubtf-bench|run) [^`]*`|(?<![\w-])--[a-z]")
 _IN_BRACKETS = re.compile(r" \([^()]*\)")
 _SENTENCE_END = re.compile(r"(?<=[.]) ")
+# The box of a table, scaled down to the width of the text, never up.
+_FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi"
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
 _LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
 # Characters that LaTeX has in mathematics alone, and the others that it takes for commands or lacks. pdflatex knows of
@@ -77,10 +79,10 @@ def plain(tables: Sequence[Table]) -> str:
 
 def _printable(table: Table) -> Table:
     """The table as plain text shows it: no control characters, and a dot before the best of each column."""
-    rows = [[visible(cell) for cell in row] for row in table.rows]
-    for (i, j), mark in table.marks.items():
+    rows = [[visible(cell) for cell in cells] for cells in table.rows]
+    for (row, column), mark in table.marks.items():
         if mark == BOLD:
-            rows[i][j] = DOT + rows[i][j]
+            rows[row][column] = DOT + rows[row][column]
     headers = [(visible(name), visible(unit)) for name, unit in table.headers]
     notes = [visible(note) for note in table.notes]
     if BOLD in table.marks.values():
@@ -105,9 +107,9 @@ def _plain(table: Table) -> str:
     lines = []
     for cells in (*top, rule, *body):
         padded = []
-        for i, (cell, width) in enumerate(zip(cells, widths, strict=True)):
+        for column, (cell, width) in enumerate(zip(cells, widths, strict=True)):
             gap = " " * (width - _width(cell))
-            padded.append(cell + gap if i < table.words else gap + cell)
+            padded.append(cell + gap if column < table.words else gap + cell)
         lines.append("  ".join(padded).rstrip())
     return "\n".join([table.title, "", *lines, *map(wrapped, table.notes)])
 
@@ -153,9 +155,9 @@ def markdown(tables: Sequence[Table]) -> str:
 def grid(table: Table) -> str:
     """The cells of a table as GitHub Markdown, without title and notes."""
     headers = [escaped(f"{name} {unit}") for name, unit in table.headers]
-    rows = [[escaped(cell) for cell in row] for row in table.rows]
-    for (i, j), mark in table.marks.items():
-        rows[i][j] = _MARKS[mark].format(rows[i][j])
+    rows = [[escaped(cell) for cell in cells] for cells in table.rows]
+    for (row, column), mark in table.marks.items():
+        rows[row][column] = _MARKS[mark].format(rows[row][column])
     # Cells are text already: `tabulate` must not read numbers in them and write these anew.
     alignment = ["left"] * table.words + ["right"] * (len(table.headers) - table.words)
     return tabulate(rows, headers, "pipe", colalign=alignment, disable_numparse=True)
@@ -230,13 +232,8 @@ def latex(tables: Sequence[Table]) -> str:
 
 def _free_label(wanted: str, labels: set[str]) -> str:
     """The wanted label; with a number, from 2, if `labels` has it: materials `a_b` and `a-b` give the same label."""
-    if wanted not in labels:
-        return wanted
-    numbers = count(2)
-    numbered = f"{wanted}-{next(numbers)}"
-    while numbered in labels:
-        numbered = f"{wanted}-{next(numbers)}"
-    return numbered
+    numbered = (f"{wanted}-{number}" for number in count(2))
+    return next(candidate for candidate in chain([wanted], numbered) if candidate not in labels)
 
 
 def latex_escaped(text: str) -> str:
@@ -265,10 +262,10 @@ def _latex(table: Table, label: str) -> str:
         if any(words):
             heads.append(_latex_line([latex_escaped(word) for word in words]))
     # The lines of cells, and around them the table and its notes.
-    cells = [[latex_escaped(cell) for cell in row] for row in table.rows]
-    for (i, j), mark in table.marks.items():
-        cells[i][j] = _LATEX_MARKS[mark] % cells[i][j]
-    rows = [_latex_line(row) for row in cells]
+    cells = [[latex_escaped(cell) for cell in line] for line in table.rows]
+    for (row, column), mark in table.marks.items():
+        cells[row][column] = _LATEX_MARKS[mark] % cells[row][column]
+    rows = [_latex_line(line) for line in cells]
     lines = [r"\begin{table*}", r"\centering", rf"\caption{{{latex_escaped(table.title)}}}", rf"\label{{{label}}}"]
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
     lines += [r"\toprule", *heads, r"\midrule", *rows]
@@ -290,10 +287,6 @@ def _for_a_paper(note: str) -> str:
 def _latex_line(cells: Sequence[str]) -> str:
     """A line of a `tabular`, of cells that are escaped already."""
     return " & ".join(cells) + r" \\"
-
-
-# The box of the table, scaled down to the width of the text, never up.
-_FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi"
 
 
 def label(table: Table) -> str:

@@ -50,10 +50,11 @@ def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
     if not timings:
         return
     quickest_first = sorted(timings, key=lambda timing: float(timing["ratio_to_floor"]))
-    columns = [Column("setting", "", "label"), Column("a query", "× floor ↓", "ratio_to_floor", -3, ranked=False)]
-    columns += [Column("rounds", "× floor", "least", -3, beside="most", pair=" to {}")]
-    columns += [Column("between texels", "× floor ↓", "ratio_between_texels", -3, ranked=False)]
-    columns += [
+    columns = [
+        Column("setting", "", "label"),
+        Column("a query", "× floor ↓", "ratio_to_floor", -3, ranked=False),
+        Column("rounds", "× floor", "least", -3, beside="most", pair=" to {}"),
+        Column("between texels", "× floor ↓", "ratio_between_texels", -3, ranked=False),
         Column("a sample", "ns ↓", "ns_per_sample", -3, ranked=False),
         Column("operations", "a query", "flops", 0),
     ]
@@ -119,9 +120,13 @@ def _of_gpu(timings: list[Timing]) -> Iterator[Table]:
             rows.append(row)
     if not rows:
         return
-    columns = [Column("setting", "", "setting"), Column("variant", "", "variant")]
-    columns += [Column("read", "GB/s", "rate", -3, ranked=False), Column("memory", "MiB ↓", "memory", -3, ranked=False)]
-    columns += [Column("energy", "nJ a sample ↓", "energy", -3, ranked=False)]
+    columns = [
+        Column("setting", "", "setting"),
+        Column("variant", "", "variant"),
+        Column("read", "GB/s", "rate", -3, ranked=False),
+        Column("memory", "MiB ↓", "memory", -3, ranked=False),
+        Column("energy", "nJ a sample ↓", "energy", -3, ranked=False),
+    ]
     note = (
         "Read: what a sample must read, over its time. Memory: at most, of PyTorch's tensors. Energy: of the whole GPU."
     )

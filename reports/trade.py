@@ -27,9 +27,7 @@ def trade_tables(run: Run, whole: bool = False) -> Iterator[Table]:
     for material, rows in grouped(run.choices, itemgetter("material")).items():
         rows.sort(key=lambda row: "of" not in row)  # the floor last
         yield _choices(material, rows, list(answers(material, rows)), stale, whole)
-        if not whole:
-            continue
-        if any("from_float32" in row for row in rows):  # without other executions there is nothing to compare
+        if whole and any("from_float32" in row for row in rows):  # else there is no other execution to compare
             yield _stability(material, rows, stale)
     floors = [row for row in run.choices if "of" not in row]
     if floors and whole:
@@ -72,9 +70,9 @@ def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale:
     """
     measured = [row for row in rows if "of" in row and "error" not in row]
     fronts = {"speed": on_front(measured, "ns_per_sample"), "rate": on_front(measured, "bytes")}
-    beaten = [row for row in measured if not any(row["job"] in names for names in fronts.values())]
+    beaten = {row["job"] for row in measured} - fronts["speed"] - fronts["rate"]
     if beaten and not whole:
-        rows = [row for row in rows if row not in beaten]
+        rows = [row for row in rows if row["job"] not in beaten]
         left_out = f"Left out, because others beat them at these pairs: {len(beaten)} choices. --all shows them, too."
         sentences = [*sentences, left_out]
     values = pd.DataFrame([_values(row, fronts) | {"stale": stale.of([row.get("job", "")])} for row in rows])

@@ -17,6 +17,7 @@ from reports.numbers import EXACT, NONE, as_read, fixed, signed, significant
 from reports.table import BOLD, FEW, STALE, UNDERLINED, Spread, Table, stale_note
 
 Row = Mapping[Hashable, Any]  # a row of the frame by column
+_ENDS = {"↑": "higher", "↓": "lower"}  # the better end of a column, by its arrow
 WHY = "{}, why not"  # the column that says in words why another has no number, or ""
 
 
@@ -41,6 +42,12 @@ class Column(NamedTuple):
     pair: str = " ± {}"  # how it stands there
     beside_digits: int | None = None  # as `digits`; None: those of the first number
     unranked: str = ""  # the boolean column that says which rows get no mark, although they have a number
+
+    @property
+    def arrow(self) -> str:
+        """The arrow to the better end; "" if no end is better."""
+        last = self.better or self.unit[-1:]
+        return last if last in _ENDS else ""
 
     def cell(self, row: Row) -> str:
         """The cell of a row."""
@@ -93,15 +100,13 @@ def written(
             cells[place] += STALE
         rows.append(cells)
     headers = [(column.name, column.unit) for column in columns]
-    all_notes = [*notes]
-    if reasons:
-        all_notes.append(stale_note(reasons))
+    all_notes = [*notes, stale_note(reasons)] if reasons else [*notes]
     marks = {}
     for number, column in enumerate(columns):
-        marks.update({(row, number): mark for row, mark in _marked(values, column).items()})
-    return Table(
-        kind, title, headers, rows, all_notes, words, material, marks=marks, values=_named(values, columns, words)
-    )
+        for row_number, mark in _marked(values, column).items():
+            marks[row_number, number] = mark
+    named = _named(values, columns, words)
+    return Table(kind, title, headers, rows, all_notes, words, material, marks=marks, values=named)
 
 
 class Stale:
@@ -124,23 +129,26 @@ def _named(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -
     """
     headers = [str(column.name) for column in columns]
     found = []
+    names = []
+    units = {}
+    directions = {}
     for place, column in enumerate(columns):  # by place, because two columns may have one field
         own = values[column.field].reset_index(drop=True)
         numbers = pd.to_numeric(own, errors="coerce").astype(float)
         is_words = place < word_columns or (numbers.isna().all() and not own.isna().all())
         found.append(own if is_words else numbers)
+        unit = (column.unit.unit if isinstance(column.unit, Spread) else column.unit).rstrip(" ↑↓")
+        name = headers[place]
+        if headers.count(name) > 1:  # what stands below tells them apart
+            name = f"{name} {unit}".strip()
+        names.append(name)
+        if unit:
+            units[name] = unit
+        if column.arrow:
+            directions[name] = _ENDS[column.arrow]
     named = pd.concat(found, axis=1)
-    units = [column.unit.unit if isinstance(column.unit, Spread) else column.unit for column in columns]
-    below = [unit.rstrip(" ↑↓") for unit in units]
-    # Where two columns have one name, what stands below tells them apart.
-    names = [
-        f"{name} {unit}".strip() if headers.count(name) > 1 else name for name, unit in zip(headers, below, strict=True)
-    ]
     named.columns = pd.Index(names, dtype=object)  # strings of pandas cannot hold every name
-    better = [column.better or column.unit[-1:] for column in columns]
-    ends = {"↑": "higher", "↓": "lower"}
-    named.attrs["units"] = {name: unit for name, unit in zip(names, below, strict=True) if unit}
-    named.attrs["directions"] = {name: ends[end] for name, end in zip(names, better, strict=True) if end in ends}
+    named.attrs = {"units": units, "directions": directions}
     return named
 
 
@@ -150,15 +158,14 @@ def _marked(values: pd.DataFrame, column: Column) -> dict[int, str]:
     Values that read the same are equally good. There is no mark without two different ones, for those that more than
     `FEW` rows share, nor for a second best of zero, unless it is a difference.
     """
-    better = column.better or column.unit[-1:]
-    if not column.ranked or better not in ("↑", "↓"):
+    if not column.ranked or not column.arrow:
         return {}
     read = [nan if isinstance(value, str) else as_read(value, column.digits) for value in values[column.field]]
-    if better == "↓" and not column.write:  # an infinite one reads “exact”, which is the best by any measure
+    if column.arrow == "↓" and not column.write:  # an infinite one reads “exact”, which is the best by any measure
         read = [-inf if value == inf else value for value in read]
     if column.unranked:
         read = [nan if unranked else own for own, unranked in zip(read, values[column.unranked], strict=True)]
-    best_first = sorted({value for value in read if not isnan(value)}, reverse=better == "↑")
+    best_first = sorted({value for value in read if not isnan(value)}, reverse=column.arrow == "↑")
     if len(best_first) < 2:
         return {}
     marks = {}

@@ -24,7 +24,7 @@ VECTOR = ("svg", "pdf")  # endings of files
 
 
 def write(folder: Path, vector: bool = False) -> Report:
-    """See `reports.write_report`."""
+    """Write the report of a run into its folder, as `reports.write_report` says."""
     return _ReportFolder(folder, load_run(folder)).write(vector)
 
 
@@ -91,7 +91,7 @@ class _ReportFolder:
 
 
 def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
-    """See `reports.write_history`."""
+    """Write the figures and the page of a history into a folder, as `reports.write_history` says."""
     files: list[Path] = []
     inline_figures = []  # of each figure: the name of its material, and its SVG
     for figure in history_figures(runs):

@@ -6,9 +6,9 @@ measures, are rungs here. Imports nothing heavy, so an answer from stored measur
 """
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from statistics import mode
 from typing import Any, Literal
 
 from bench.machine.devices import is_gpu
@@ -184,20 +184,21 @@ def gpu_times(run: Run) -> dict[str, Timing]:
 
 def usual_batch(variants: Sequence[Timing]) -> int:
     """The size of batches in which most variants were timed: a few settings are timed in others, too."""
-    ((batch, _),) = Counter(timing["batch"] for timing in variants).most_common(1)
-    return int(batch)
+    return mode(timing["batch"] for timing in variants)
 
 
 def on_front(rows: Sequence[Timing], cost: Literal["ns_per_sample", "bytes"]) -> set[str]:
     """The names of the choices, all with times and scores, that are on the Pareto front: no other has at least the PSNR
     for at most the cost, and is better in one."""
-    places = {row["job"]: (-round(row["psnr"] or 0.0, 2), row[cost]) for row in rows}  # executions differ by rounding
-    best = set()
-    for name, place in places.items():
-        beaten = any(other[0] <= place[0] and other[1] <= place[1] and other != place for other in places.values())
-        if not beaten:
-            best.add(name)
-    return best
+    places = {row["job"]: (round(row["psnr"] or 0.0, 2), row[cost]) for row in rows}  # executions differ by rounding
+
+    def beaten(place: tuple[float, float]) -> bool:
+        """Whether another place has at least the PSNR for at most the cost."""
+        psnr, cost = place
+        as_good = {other for other in places.values() if other[0] >= psnr and other[1] <= cost}
+        return len(as_good) > 1  # the place itself is among them
+
+    return {name for name, place in places.items() if not beaten(place)}
 
 
 def answers(material: str, choices: list[Timing]) -> Iterator[str]:

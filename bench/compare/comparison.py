@@ -95,19 +95,22 @@ def compare(
     declared_seeds = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
     if not declared_seeds:  # no start says its seeds
         declared_seeds = {job["seed"] for job in after}
-    # A row's key is (material, label). Materials come in the order in which they first appear, labels in theirs.
-    materials_in_order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
-    keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
 
-    # Each row of either run, with its jobs in the order of their seeds.
+    # Each row of either run, by material and label, with its jobs in the order of their seeds.
     rows_before = by_row(sorted(before, key=lambda job: job["seed"]))
     rows_after = by_row(sorted(after, key=lambda job: job["seed"]))
     rows = []
-    for key in sorted(keys, key=lambda key: materials_in_order.index(key[0])):
+    for key in _rows_in_order([*before, *after]):
         timing = advice(times_before.get(key), times_after.get(key))
         row = compare_row((base, new), rows_before.get(key, []), rows_after.get(key, []), declared_seeds, timing)
         rows.append(replace(row, allowed=any(_pattern_names(pattern, row) for pattern in allow)))
     return Comparison(rows, list(_notes(base, new, rows)), means(rows))
+
+
+def _rows_in_order(jobs: Sequence[Job]) -> Iterator[tuple[str, str]]:
+    """The rows of jobs, by material and label: materials in the order in which they first appear, labels in theirs."""
+    for row_keys in grouped(by_row(jobs), lambda key: key[0]).values():
+        yield from row_keys
 
 
 def _jobs_to_compare(run: Run, materials: Sequence[str], codecs: Sequence[str]) -> list[Job]:
@@ -314,22 +317,27 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
     cells_of_new = _cells(new, subjects)
     if not cells_of_base.keys() & cells_of_new.keys():
         return "the two stress tests have no cell in common", NOTHING
-    held = sum(record["verdict"] == "pass" for record in cells_of_new.values())
-    worse = []
+    worse = []  # the cells that held and do not any more, in words
     for name, before in cells_of_base.items():
-        if before["verdict"] != "pass":  # what did not hold cannot get worse
-            continue
-        if any(fnmatchcase(name, pattern) for pattern in allow):
-            continue
         after = cells_of_new.get(name)
-        if after is None:
-            worse.append(f"{name} is gone")
-        elif after["verdict"] != "pass":
-            worse.append(f"{name} held, and is now {after['verdict']}: {after['detail'] or after['figure']}")
-    lines = [visible(text) for text in worse]
-    lines.append(f"{held} cells hold, {len(worse)} got worse")
-    code = NO if worse else FINE
-    return "\n".join(lines), code
+        allowed = any(fnmatchcase(name, pattern) for pattern in allow)
+        if before["verdict"] == "pass" and not _holds(after) and not allowed:
+            worse.append(f"{name} {_failure(after)}")
+    held = sum(map(_holds, cells_of_new.values()))
+    lines = [*map(visible, worse), f"{held} cells hold, {len(worse)} got worse"]
+    return "\n".join(lines), NO if worse else FINE
+
+
+def _holds(record: Stress | None) -> bool:
+    """Whether an extreme held; None is one that was not tried."""
+    return record is not None and record["verdict"] == "pass"
+
+
+def _failure(record: Stress | None) -> str:
+    """How a cell that held got worse, in words that follow its name; None is a cell that was not tried."""
+    if record is None:
+        return "is gone"
+    return f"held, and is now {record['verdict']}: {record['detail'] or record['figure']}"
 
 
 def _cells(run: Run, subjects: Set[str]) -> dict[str, Stress]:

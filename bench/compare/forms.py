@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterator
 from itertools import chain
+from statistics import fmean
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -18,7 +19,7 @@ from bench.compare.quantities import deciding, undeciding
 from bench.compare.rows import ComparedRow, multiples, sentence
 from bench.compare.verdicts import Verdict
 from bench.inputs.errors import visible
-from bench.records import Run, by_row
+from bench.records import Run, by_row, grouped, rounded
 
 MOST_ANNOTATIONS = 10  # annotations of each kind in a step: GitHub shows no more
 # By the better end: github-action-benchmark takes one direction a file.
@@ -62,23 +63,20 @@ def junit(comparison: Comparison) -> str:
     """JUnit XML: a suite per material, a case material/codec/quantity for each deciding number. Regressions and rows
     that are not comparable are failures; allowed and new rows are skipped."""
     root = Element("testsuites", name="neubtf-bench compare")
-    rows = [*comparison.rows, *comparison.means]
-    for material in dict.fromkeys(row.material for row in rows):
+    by_material = grouped([*comparison.rows, *comparison.means], lambda row: row.material)
+    for material, rows in by_material.items():
         suite = SubElement(root, "testsuite", name=_legal(material))
-        for row in rows:
-            if row.material == material:
-                suite.extend(_cases(row))
-    for element in (root, *root):
-        cases = list(element.iter("testcase"))
-        # ElementTree takes an element without children for false, so None is asked for.
-        failed = sum(case.find("failure") is not None for case in cases)
-        skipped = sum(case.find("skipped") is not None for case in cases)
-        element.attrib |= {"tests": str(len(cases)), "failures": str(failed), "errors": "0"}
-        if element is not root:
-            element.set("skipped", str(skipped))
-        element.set("time", "0")
+        suite.extend(chain.from_iterable(map(_cases, rows)))
+        suite.attrib |= {**_counts(suite), "skipped": str(len(suite.findall(".//skipped"))), "time": "0"}
+    root.attrib |= {**_counts(root), "time": "0"}  # the whole has no count of skipped cases
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).decode() + "\n"
+
+
+def _counts(element: Element) -> dict[str, str]:
+    """The attributes that count the test cases of a suite, or of all suites, and those that failed."""
+    failures = len(element.findall(".//failure"))
+    return {"tests": str(len(element.findall(".//testcase"))), "failures": str(failures), "errors": "0"}
 
 
 def _cases(row: ComparedRow) -> Iterator[Element]:
@@ -122,9 +120,7 @@ def tracker(run: Run) -> dict[str, str]:
             values = [value for value in values_of_seeds if value is not None and math.isfinite(value)]
             if len(values) < len(jobs):  # JSON has no infinity, and a mean over some seeds is not comparable
                 continue
-            unit = quantity.unit
-            if not unit:  # such as bytes: the name says what is counted
-                unit = quantity.name
+            unit = quantity.unit or quantity.name  # the name of bytes, which have no unit, says what is counted
             name = "/".join((*row, quantity.name))  # material/label/quantity
             entries[FILES[quantity.better]].append(_entry(name, unit, values))
         if row in timed:
@@ -136,9 +132,8 @@ def tracker(run: Run) -> dict[str, str]:
 
 def _entry(name: str, unit: str, values: list[float]) -> dict[str, Any]:
     """One number of a tracker: the mean of `values`, one a seed; with half of their range if there are several."""
-    mean = math.fsum(values) / len(values)
-    half_range = (max(values) - min(values)) / 2
-    entry: dict[str, Any] = {"name": name, "unit": unit, "value": float(f"{mean:.7g}")}
+    entry: dict[str, Any] = {"name": name, "unit": unit, "value": rounded(fmean(values))}
     if len(values) > 1:
+        half_range = (max(values) - min(values)) / 2
         entry |= {"range": f"± {half_range:.2g}", "extra": f"{len(values)} seeds"}
     return entry

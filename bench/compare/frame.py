@@ -23,6 +23,7 @@ different runs are comparable only if `codec_version`, `training`, `btf` and `me
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from math import nan
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -110,18 +111,14 @@ def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> "pd.DataFrame":
     """The rows as a frame, with the units and directions that the records of `jobs` know; no columns without rows."""
     import pandas as pd  # slow to import, and the values alone do not need it
 
-    columns: dict[str, list[Any]] = {}
-    for number, row in enumerate(rows):
-        for name, value in row.items():
-            if name not in columns:
-                columns[name] = [nan] * len(rows)
-            if value is not None:
-                columns[name][number] = value
-    # Texts stay objects, as they are with every version of pandas.
-    texts = {name for name, values in columns.items() if any(isinstance(value, str) for value in values)}
-    frame = pd.DataFrame(
-        {name: pd.Series(values, dtype=object if name in texts else None) for name, values in columns.items()}
-    )
+    columns: dict[str, pd.Series] = {}
+    for name in dict.fromkeys(chain.from_iterable(rows)):
+        found = [row.get(name) for row in rows]
+        values = [nan if value is None else value for value in found]
+        has_text = any(isinstance(value, str) for value in values)
+        # Texts stay objects, as they are with every version of pandas.
+        columns[name] = pd.Series(values, dtype=object if has_text else None)
+    frame = pd.DataFrame(columns)
     if rows:
         frame["started"] = pd.to_datetime(frame["started"], format=_START_TIME, utc=True, errors="coerce")
     facts: dict[str, MetricFacts] = {}

@@ -98,21 +98,23 @@ def against_jobs(run: Run, first: str, *jobs: str) -> Against:
         """The slices of the job of `first` with that material and seed."""
         return decibels(run.folder, ours[material, seed])
 
-    differences = Against(first, {}, {})
+    over: dict[str, Interval] = {}
+    on: dict[str, dict[str, Interval]] = {}
     for label, theirs in by_label.items():
         both = [(job, theirs[key]) for key, job in ours.items() if key in theirs]
         try:
             cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), slices_of)
         except InputError:  # slices of one codec that cannot be read must not cost the table of all others
             continue
-        places = [(differences.over, cells)]
+        found = interval(cells)
+        if found is None:  # they have no slices to compare
+            continue
+        over[label] = found
         for material, cells_of_material in grouped(cells, lambda cell: cell.material).items():
-            places.append((differences.on.setdefault(material, {}), cells_of_material))
-        for difference_by_label, some_cells in places:
-            found = interval(some_cells)
-            if found is not None:  # None: they have no slices to compare
-                difference_by_label[label] = found
-    return replace(differences, over=told_apart(differences.over))
+            found = interval(cells_of_material)
+            if found:
+                on.setdefault(material, {})[label] = found
+    return Against(first, told_apart(over), on)
 
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:

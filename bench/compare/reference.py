@@ -117,10 +117,7 @@ def reference(run: Run, before: Run | None = None) -> str:
         )
     suite_seeds = _seeds_of_suite(run)
     reduced = [_reduced_record(job, run.folder, whole=job["seed"] in suite_seeds) for job in jobs]
-    jobs_before = []
-    if before is not None:
-        jobs_before = list(before.jobs)
-    kept_seeds = _seeds_to_keep(reduced, jobs_before)
+    kept_seeds = _seeds_to_keep(reduced, before.jobs) if before else []
     timings = _timings(run, [job for job in jobs if job["seed"] in suite_seeds])
     starts = [kept(start, records.REFERENCE) for start in run.starts[-1:]]  # the last, if there is one
     for start in starts:  # of the packages only those on which numbers depend
@@ -198,16 +195,15 @@ def limits(update: Update) -> list[str]:
 
 def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
     """The timings of jobs for a reference; starts are numbered, so that their times change nothing in it."""
-    starts = {start.get("run", ""): str(i) for i, start in enumerate(run.starts, 1)}
+    numbers = {start.get("run", ""): str(number) for number, start in enumerate(run.starts, 1)}
     for job in jobs:
         timing = run.timing(job)
-        if timing is None:  # the job was not timed
-            continue
-        start = starts.get(timing["run"], timing["run"])
-        yield rounded(kept(timing, records.REFERENCE)) | {"run": start}
+        if timing is not None:  # the job was timed
+            start = numbers.get(timing["run"], timing["run"])
+            yield rounded(kept(timing, records.REFERENCE)) | {"run": start}
 
 
-def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
+def _seeds_to_keep(jobs: Iterable[Job], before: Iterable[Job]) -> Iterator[Job]:
     """The jobs of `before` whose seeds are missing now, from rows whose other seeds have identical jobs in both."""
     now = {job["job"]: job for job in jobs}
     for earlier in by_row(before).values():
@@ -241,40 +237,44 @@ def _seeds_of_suite(run: Run) -> set[int]:
 
 
 def _reduced_record(job: Job, folder: Path, whole: bool) -> Job:
-    """The record of a job as a reference keeps it; if not `whole`, only the numbers that decide a comparison.
-
-    Scores are of groups of pairs: the deciding group (held-out pairs, or all if none are held out), its parts at
-    grazing directions, and training pairs.
-    """
+    """The record of a job as a reference keeps it; if not `whole`, only the numbers that decide a comparison."""
     line = kept(job, records.REFERENCE)
-    decides = deciding_group(job["scores"])
-    names = list(metrics_of(job))
-    psnr = [metric_of(names, PSNR)]
-    metrics_of_deciding = names
-    if not whole:
-        metrics_of_deciding = [*psnr, metric_of(names, FLIP)]
-    # The metrics that are kept of each group of pairs.
-    groups = {decides: metrics_of_deciding, "train": psnr}
-    for band in ("grazing view", "grazing light"):
-        groups[f"{decides}, {band}"] = psnr
-    line["scores"] = {}
-    for group, metrics in groups.items():
-        if group in job["scores"]:
-            with_pooled = whole or group == decides
-            line["scores"][group] = _reduced_group(metrics_of(job, group), metrics, with_pooled)
-    numbers: tuple[str, ...] = ("mean",)
-    if whole:
-        numbers = (PSNR, "mean")  # of a footprint `PSNR` is the pooled number
-    line["footprints"] = {}
-    for side, stats in job.get("footprints", {}).items():
-        if side != "1":  # that of one texel is the usual score
-            line["footprints"][side] = _reduced_statistics(stats, *numbers)
-    line["metrics"] = {name: line["metrics"][name] for name in line["scores"][decides]["metrics"]}
+    line["scores"] = _reduced_scores(job, whole)
+    line["footprints"] = _reduced_footprints(job, whole)
+    kept_metrics = line["scores"][deciding_group(job["scores"])]["metrics"]
+    line["metrics"] = {name: line["metrics"][name] for name in kept_metrics}
     if whole:
         slices = decibels(folder, job)
         if slices is not None:  # None: the run has no file of them
             line["slices"] = {PSNR: packed(slices)}
     return rounded(line)
+
+
+def _reduced_scores(job: Job, whole: bool) -> dict[str, Group]:
+    """The scores of the deciding group (held-out pairs, or all if none are held out), of its parts at grazing
+    directions, and of training pairs.
+
+    The deciding group has every metric, or PSNR and FLIP if not `whole`; the others have PSNR alone.
+    """
+    decides = deciding_group(job["scores"])
+    names = list(metrics_of(job))
+    psnr = metric_of(names, PSNR)
+    names_of_group = {decides: names if whole else [psnr, metric_of(names, FLIP)], "train": [psnr]}
+    for band in ("grazing view", "grazing light"):
+        names_of_group[f"{decides}, {band}"] = [psnr]
+    reduced = {}
+    for group, chosen in names_of_group.items():
+        if group in job["scores"]:
+            reduced[group] = _reduced_group(metrics_of(job, group), chosen, with_pooled=whole or group == decides)
+    return reduced
+
+
+def _reduced_footprints(job: Job, whole: bool) -> dict[str, Statistics]:
+    """The mean PSNR at each footprint but that of one texel, which is the usual score; with the pooled one if
+    `whole`."""
+    numbers = (PSNR, "mean") if whole else ("mean",)  # the pooled number of a footprint is named `PSNR`
+    footprints = job.get("footprints", {})
+    return {side: _reduced_statistics(stats, *numbers) for side, stats in footprints.items() if side != "1"}
 
 
 def _reduced_group(metrics: dict[str, Statistics], names: list[str], with_pooled: bool) -> Group:

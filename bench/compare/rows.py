@@ -154,18 +154,14 @@ def compare_row(
     unfinished, why = _verdict_on_unfinished(base, after, declared)  # None and "" unless jobs failed or vanished
     if not base or not new:
         return ComparedRow(material, label, unfinished or Verdict.NEW, why)
-    mixed = _mixed(new)
-    if mixed:
-        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, why or mixed)
     # A base may hold seeds of several versions of a codec. Those unlike the first tell nothing of its scatter.
     base = [job for job in base if not why_fits_unlike(base[0], job)]
     ours, theirs = _jobs_of_shared_seeds(base, new)  # of base, and of new
-    obstacle = _first_obstacle(base, ours, theirs)
-    if obstacle:
-        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, why or obstacle)
-    changes = _changes(runs, ours, theirs, base)
+    obstacle = _mixed(new) or _first_obstacle(base, ours, theirs)
+    changes = [] if obstacle else _changes(runs, ours, theirs, base)
     if not changes:
-        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, why or "neither record has a score")
+        why = why or obstacle or "neither record has a score"
+        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, why)
     others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
     notes = []
     settings = other_settings(base[0], new[0])  # "" if they are the same

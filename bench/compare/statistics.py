@@ -8,6 +8,7 @@ gap in log bytes over dB.
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from statistics import fmean
 from typing import NamedTuple
 
 import numpy as np
@@ -39,9 +40,7 @@ def average(values: Sequence[float | None]) -> float | None:
     if not measured or len(measured) < len(values):
         return None
     finite = [value for value in measured if math.isfinite(value)]
-    if not finite:
-        return math.inf
-    return math.fsum(finite) / len(finite)
+    return fmean(finite) if finite else math.inf
 
 
 def upper_hull(sizes: Sequence[float], scores: Sequence[float]) -> list[int]:

@@ -19,7 +19,7 @@ whose files are those of the base: no fit scattered, so a change of a score is o
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from statistics import fmean, stdev
 
@@ -140,21 +140,18 @@ def judge(
         chance = _paired_scatter(values)
     else:
         chance = scatter(values, after, len(base))
-    if certain:
-        allowed = quantity.tolerance.certain
-    else:
-        allowed = margin(quantity.tolerance, values, chance)
-    return Change(quantity, change.base, change.new, verdict(change.loss, allowed), allowed, spread, chance=chance)
+    allowed = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
+    return replace(change, verdict=verdict(change.loss, allowed), margin=allowed, chance=chance)
 
 
 def _gave_same_numbers(base: Values, new: Values) -> bool:
     """Whether the seeds of new gave the numbers of the base again, up to the rounding of a reference."""
     if len(base) != len(new):
         return False
-    for a, b in zip(base, new, strict=True):
-        if a == b:  # also if neither was measured
+    for before, after in zip(base, new, strict=True):
+        if before == after:  # also if neither was measured
             continue
-        if a is None or b is None or not math.isclose(a, b, rel_tol=1e-5):
+        if before is None or after is None or not math.isclose(before, after, rel_tol=1e-5):
             return False
     return True
 
@@ -228,8 +225,8 @@ def _paired_scatter(differences: Values) -> Chance | None:
     return Chance(stdev(finite) / math.sqrt(len(finite)), len(finite) - 1)
 
 
-def scatter(known: Values, new: Values, n: int) -> Chance | None:
-    """The scatter of a difference: the mean of the numbers `new`, one a seed, minus the mean of `n` seeds of the base.
+def scatter(known: Values, new: Values, count: int) -> Chance | None:
+    """The scatter of a difference: the mean of the numbers `new`, one a seed, minus that of `count` seeds of the base.
 
     `known` are the numbers of all seeds of the base, from which the scatter of one seed is estimated; None if fewer
     than two of them are finite. If they are few, those of new help.
@@ -244,7 +241,7 @@ def scatter(known: Values, new: Values, n: int) -> Chance | None:
     # The pooled variance: each group about its own mean, weighted by its degrees of freedom.
     freedom = sum(len(group) - 1 for group in groups)
     variance = math.fsum((len(group) - 1) * stdev(group) ** 2 for group in groups) / freedom
-    return Chance(math.sqrt(variance * (1 / n + 1 / len(new))), freedom)
+    return Chance(math.sqrt(variance * (1 / count + 1 / len(new))), freedom)
 
 
 def _finite(values: Values) -> list[float]:

@@ -36,11 +36,11 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     cell, the same number in each sector. Gives `theta_edges_deg`, `phi_centres_deg` and `value` (rings × sectors, None
     where empty).
     """
-    width = 360 / SECTORS
+    sector_deg = 360 / SECTORS
     _, phi = to_degrees(directions)
     ring_of = _ring(directions)
     # Shifted by half a sector, because the first is centred on φ = 0, and counted around the circle.
-    sector_of = np.floor((phi + width / 2) / width).astype(int) % SECTORS
+    sector_of = np.floor((phi + sector_deg / 2) / sector_deg).astype(int) % SECTORS
     values: list[list[float | None]] = []
     for ring in range(RINGS):
         in_ring = ring_of == ring
@@ -49,8 +49,8 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
         else:
             cells = [in_ring & (sector_of == sector) for sector in range(SECTORS)]
         values.append([_pooled(raw[cell], pool) for cell in cells])
-    edges = {"theta_edges_deg": list(THETA_EDGES_DEG), "phi_centres_deg": [width * j for j in range(SECTORS)]}
-    return edges | {"value": values}
+    centres = [sector_deg * sector for sector in range(SECTORS)]
+    return {"theta_edges_deg": list(THETA_EDGES_DEG), "phi_centres_deg": centres, "value": values}
 
 
 def _ring(directions: Array) -> Array:

@@ -272,9 +272,9 @@ class HDR(SliceMetric):
         if not middle > 0:
             fault = "reference is black over half of it or more, so FLIP has no exposures"
             raise InputError(f"{fault}: give start and stop")
-        k = self.curve
         # The curve is `_BRIGHT` where its numerator − `_BRIGHT` · its denominator, a polynomial of x, is 0.
-        roots = np.roots([k[i] - _BRIGHT * k[i + 3] for i in range(3)])
+        numerator, denominator = np.reshape(self.curve, (2, 3))
+        roots = np.roots(numerator - _BRIGHT * denominator)
         white = float(roots.real.max())  # the larger root of a quadratic, or the root of a line
         return Range(math.log2(white / luminance.max()), math.log2(white / middle))
 

@@ -30,7 +30,7 @@ from bench.records import PSNR, Group, Statistics
 Decode = Callable[[int], Array]
 
 FOOTPRINTS_VERSION = 2  # version of `footprint_errors` and of the query positions in a box
-_BLOCK_TEXELS = 1 << 16  # slices are scored in stacks of about this size: Python's overhead dominates small ones
+_STACK_TEXELS = 1 << 16  # slices are scored in stacks of about this size: Python's overhead dominates small ones
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,16 @@ class _Reference:
         arrays = [self.log1p, *_arrays(tuple(self.sides.values()))]
         different = {id(array): array.nbytes for array in arrays}  # metrics may share one
         return sum(different.values())
+
+
+@dataclass(frozen=True)
+class _Stack:
+    """The numbers of a stack of n slices."""
+
+    pairs: tuple[int, ...]  # (n,)
+    reference: _Reference
+    means: dict[str, Array]  # the raw numbers (n,) by name of metric
+    abrdf: Array  # (H, W), the error of each texel's ABRDF, summed over the pairs
 
 
 class Scorer:
@@ -124,32 +134,29 @@ class Scorer:
         radiance = np.empty(len(pairs))
         abrdf = np.zeros(self.btf.shape)
         done = 0
-        for means, block_radiance, error in self._blocks(pairs, decode_slice):
-            block = slice(done, done + len(block_radiance))
-            for name, values in means.items():
+        for stack in self._stacks(pairs, decode_slice):
+            block = slice(done, done + len(stack.pairs))
+            for name, values in stack.means.items():
                 raw[name][block] = values
-            radiance[block] = block_radiance
-            abrdf += error
+            radiance[block] = stack.reference.radiance
+            abrdf += stack.abrdf
             done = block.stop
         fixed = {name: metric.fixed() for name, metric in self.metrics.items() if metric.fixed()}
         return Scores(pairs, raw, radiance, abrdf / max(1, len(pairs)), self.exposure, fixed)
 
-    def _blocks(self, pairs: Array, decode_slice: Decode) -> Iterator[tuple[dict[str, Array], Array, Array]]:
-        """The results of consecutive stacks of pairs, in order, with few of them under way.
-
-        Each is the raw numbers (n,) by metric, the mean radiance (n,) of its references, and the sum (H, W) over its
-        pairs of the ABRDFs' error.
-        """
-        step = max(1, _BLOCK_TEXELS // (self.btf.shape[0] * self.btf.shape[1]))
-        waiting: deque[Future[Any]] = deque()
+    def _stacks(self, pairs: Array, decode_slice: Decode) -> Iterator[_Stack]:
+        """The numbers of consecutive stacks of pairs, in order, with few of them under way."""
+        step = max(1, _STACK_TEXELS // (self.btf.shape[0] * self.btf.shape[1]))
+        waiting: deque[Future[_Stack]] = deque()
         with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for start in range(0, len(pairs), step):
-                    block = tuple(pairs[start : start + step].tolist())
-                    test = np.stack([_decoded(decode_slice(i), (*self.btf.shape, 3), f"pair {i}") for i in block])
+                    own = tuple(pairs[start : start + step].tolist())
+                    shape = (*self.btf.shape, 3)
+                    test = np.stack([_decoded(decode_slice(pair), shape, f"pair {pair}") for pair in own])
                     # A cached reference stays, so the worker will find it.
-                    truth = None if block in self._cached else np.stack([self.btf[i] for i in block])
-                    waiting.append(pool.submit(self._compare, block, truth, test))
+                    truth = None if own in self._cached else np.stack([self.btf[pair] for pair in own])
+                    waiting.append(pool.submit(self._compare, own, truth, test))
                     # One stack more than workers may wait; then the oldest is waited for.
                     if len(waiting) > self.threads:
                         yield self._finish(waiting.popleft())
@@ -159,16 +166,15 @@ class Scorer:
                 for future in waiting:
                     future.cancel()
 
-    def _compare(self, block: tuple[int, ...], truth: Array | None, test: Array) -> tuple[Any, ...]:
-        """In a worker: compute the raw numbers of a stack, and the reference if it is not cached.
+    def _compare(self, pairs: tuple[int, ...], truth: Array | None, test: Array) -> _Stack:
+        """In a worker: compute the numbers of a stack, and the reference if it is not cached.
 
-        `block` are the n pairs of the stack, `truth` and `test` (n, H, W, 3); `truth` is None if the reference is
-        cached. Returns the pairs, the reference, and the result as `_blocks` yields it.
+        `truth` and `test` are the slices (n, H, W, 3) of its pairs; `truth` is None if the reference is cached.
         """
         if truth is None:
-            reference = self._cached[block]
+            reference = self._cached[pairs]
         else:
-            true_picture = Picture(truth, self.exposure, f"reference slices of pairs {block[0]} to {block[-1]}")
+            true_picture = Picture(truth, self.exposure, f"reference slices of pairs {pairs[0]} to {pairs[-1]}")
             sides = {name: metric.reference_side(true_picture) for name, metric in self._applicable.items()}
             # Pictures are planar, (3, n, H, W): the mean over all axes but that of the slices.
             reference = _Reference(sides, true_picture.log1p, true_picture.linear.mean((0, -2, -1)))
@@ -176,16 +182,17 @@ class Scorer:
         means = {}
         for name, metric in self._applicable.items():
             means[name] = metric.compare(reference.sides[name], picture).mean((-2, -1))  # (n,), over the texels
-        abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)  # (n, H, W), summed over the pairs
-        return block, reference, (means, reference.radiance, abrdf)
+        abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)  # of (n, H, W)
+        return _Stack(pairs, reference, means, abrdf)
 
-    def _finish(self, future: Future[Any]) -> tuple[dict[str, Array], Array, Array]:
-        """The result of a stack, whose reference is kept for later codecs if there is room for it."""
-        block, reference, result = future.result()
-        if block not in self._cached and self._cached_bytes + reference.bytes <= self.cache_bytes:
-            self._cached[block] = reference
-            self._cached_bytes += reference.bytes
-        return result
+    def _finish(self, future: Future[_Stack]) -> _Stack:
+        """The numbers of a stack, whose reference is kept for later codecs if there is room for it."""
+        stack = future.result()
+        size = stack.reference.bytes
+        if stack.pairs not in self._cached and self._cached_bytes + size <= self.cache_bytes:
+            self._cached[stack.pairs] = stack.reference
+            self._cached_bytes += size
+        return stack
 
 
 def _decoded(picture: Array, shape: tuple[int, ...], what: str) -> Array:

@@ -39,11 +39,7 @@ _LONGEST_LINE = 16 << 20  # bytes; a record has a few thousand
 
 def append(folder: Path, record: Record) -> None:
     """Append one record to a run and sync it to disk. `InputError` if it cannot be written."""
-    content = dict(record)
-    head = {key: content[key] for key in ("kind", "job") if key in content}
-    # The kind and the name come first, then all fields by name; [1:] leaves out the brace, which the checksum follows.
-    text = json.dumps(head | dict(sorted(content.items())), allow_nan=False)[1:].encode()
-    line = b'{"crc32": "%08x", %b\n' % (zlib.crc32(text), text)
+    line = _sealed_line(record)
     remedy = "make room, then give the same command again: finished work is kept"
     with writable(folder / FILE, remedy), open(folder / FILE, "ab", buffering=0) as file:
         if start := file.tell():  # the file's length; 0 if it is new
@@ -60,6 +56,14 @@ def append(folder: Path, record: Record) -> None:
         except OSError:
             os.truncate(file.fileno(), start)
             raise
+
+
+def _sealed_line(record: Record) -> bytes:
+    """The line of a record: a checksum of the rest, its kind and the job's name, then all fields by name."""
+    content = dict(record)
+    head = {key: content[key] for key in ("kind", "job") if key in content}
+    text = json.dumps(head | dict(sorted(content.items())), allow_nan=False)[1:].encode()  # after the opening brace
+    return b'{"crc32": "%08x", %b\n' % (zlib.crc32(text), text)
 
 
 class Records(Sequence[Found]):
@@ -218,13 +222,14 @@ def load_together(
     for number, (path, run) in enumerate(zip(paths, runs, strict=True)):
         is_file = path.suffix == ".jsonl"  # of records, not the folder of a run
         together.starts.extend(run.starts)
-        # The names of this run's jobs that must not replace those of other runs; nor may their timings.
-        aside = {job["job"] for job in run.jobs if job["status"] == "ok" and not wanted(job)}
+        # The names of this run's jobs that replace none of another run; nor do their timings.
+        aside: set[str] = set()
         for relative in run.jobs:
             job = _with_whole_paths(relative, run.folder.absolute())
             name = job["job"]
-            if name in aside:
-                together.jobs.put((number, name), job)  # under a name that no other job has
+            if job["status"] == "ok" and not wanted(job):
+                aside.add(name)
+                together.jobs.put((number, name), job)  # under a key that no other job has
             elif not _of_other_data(job, together.job(name)):
                 together.jobs.put(name, job)
                 if is_file:
@@ -259,12 +264,11 @@ def refuse_damaged(sources: Sequence[str | Path]) -> None:
     """
     for source in sources:
         for path in _files_of(Path(source)):
-            unreadable = load_run(path).unreadable
-            if unreadable:
-                file = path if path.suffix == ".jsonl" else path / FILE
-                lines = ", ".join(map(str, unreadable))
+            run = load_run(path)
+            if run.unreadable:
+                lines = ", ".join(map(str, run.unreadable))
                 why = "damaged (cut or altered), and the rest has nothing to show: mend or remove the damaged"
-                raise InputError(f"{file}, line(s) {lines}: {why}")
+                raise InputError(f"{run.folder / run.file}, line(s) {lines}: {why}")
 
 
 def _of_other_data(job: Job, known: Job | None) -> bool:

@@ -209,5 +209,5 @@ def _add_flattened(prefix: str, values: Mapping[str, Any], fields: dict[str, Any
         elif not isinstance(value, list):
             fields[prefix + name] = value
         elif len(value) <= _LONGEST and all(isinstance(item, int | float) for item in value):
-            for i, item in enumerate(value):
-                fields[f"{prefix}{name}/{i}"] = item
+            for number, item in enumerate(value):
+                fields[f"{prefix}{name}/{number}"] = item

@@ -184,7 +184,7 @@ class Bytes(Open, total=False):
 
 
 class Cost(Open, total=False):
-    """What a decoder holds and what a sample costs, by name of `bench.material.Cost`."""
+    """What a decoder holds and what a sample costs, by name of `bench.material.DecoderCost`."""
 
     parameters: Annotated[Count, CLAIM]
     texture_channels: Annotated[Count, RESULTS | CLAIM]

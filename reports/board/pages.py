@@ -27,8 +27,8 @@ from reports.tables import all_tables
 
 FRONT = "index.html"
 PAGES = 2.2  # all pages of materials together may have so many times the pictures of a run's page, which take 20 MB
-_KINDS = "rate speed cost"  # of plots over all materials, as a list of words for the pages' script
-_OF_LINES = "size time"  # those of lines over budgets
+_KINDS = ("rate", "speed", "cost")  # of plots over all materials
+_OF_LINES = ("size", "time")  # of plots of lines over budgets
 _FITS = "as published and ours"  # the name of a codec's plots of fits
 _NO_PICTURES = "No pictures: this page was made without the files of the run."
 _NOT_FREE = (
@@ -62,7 +62,7 @@ class Board:
         """Every page: the name of its file and its text in pieces, the front first. Claimed results do not stand on
         the front."""
         yield FRONT, self._front([source for source in self.sources if not source.claimed])
-        for name, sources in by_material(self.sources):
+        for name, sources in by_material(self.sources).items():
             yield page_name("material", name), MaterialPage(name, sources, self).pieces()
         for name in self.codecs:
             sources_with_codec = [source for source in self.sources if name in _codecs(source)]
@@ -94,10 +94,11 @@ class Board:
         for plot in plots:
             labels = [entry["label"] for entry in plot["series"]]
             labels_in_plots.update(labels)
-            if plot["kind"] in _OF_LINES.split():
+            if plot["kind"] in _OF_LINES:
                 lines |= dict.fromkeys(labels)
         looks = [look for look in series.codecs(joined(parts), lines) if look["label"] in labels_in_plots]
-        common = {"kinds": f"{_OF_LINES} {_KINDS}", "to_material": _to_material}
+        kinds = " ".join([*_OF_LINES, *_KINDS])  # as the page's script takes them
+        common = {"kinds": kinds, "to_material": _to_material}
         return document(template, title, looks, plots, {**common, **values})
 
     def _front(self, sources: Sequence[Publication]) -> Iterator[str]:
@@ -123,7 +124,7 @@ class Board:
     def _materials_table(self) -> Table:
         """A row a material: the kinds of its truth, and the sources that have it."""
         rows = []
-        for name, sources in by_material(self.sources):
+        for name, sources in by_material(self.sources).items():
             # Of several sources that have the material, the first says what kind its truth is.
             titles = ", ".join(source.title for source in sources)
             rows.append([name, ", ".join(_kinds(sources[0], name)), titles])
@@ -213,7 +214,7 @@ class MaterialPage(Page):
     def links(self) -> list[tuple[str, str]]:
         """The front, and the contents of the page, a section a source: the target of each link, and its text."""
         links = [(FRONT, "All results")]
-        links += [(f"#m{i}", material.name) for i, material in enumerate(self.materials)]
+        links += [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
         return links
 
     def codecs(self) -> list[tuple[str, str]]:
@@ -289,7 +290,7 @@ def _plots(source: Publication) -> Iterator[series.Plot]:
     if of_means:  # there are none of a single material
         plots = of_means
     for plot in plots:
-        if plot["kind"] in _KINDS.split():
+        if plot["kind"] in _KINDS:
             # A page has an element for each source, and its script puts there the plots of this "material".
             yield plot | {"material": source.name}
 

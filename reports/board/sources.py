@@ -8,7 +8,7 @@ of a job says how its material was made, and whether its pictures are free.
 
 import hashlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +20,8 @@ from bench.compare.reference import published_job
 from bench.records import ARTEFACT, Job, Records, Run, field_names
 from reports.rows import MaterialRows, materials
 
+# By the key of a measured file, see `_key`: the run and the job whose files are at hand.
+_AtHand = dict[tuple[str, ...], tuple[Run, Job]]
 VERIFIED, CLAIMED, OWN = "verified", "claimed", "own run"
 STATES = (
     f"“{OWN}”: measured by those who keep these records. “{VERIFIED}”: handed in with its files, which were decoded "
@@ -126,7 +128,7 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
     return list(sources.values())
 
 
-def _with_paths(run: Run, at_hand: "_AtHand") -> Run:
+def _with_paths(run: Run, at_hand: _AtHand) -> Run:
     """The run, each job with the absolute paths of files at hand that may be shown, and no other paths.
 
     Codec files are never shown.
@@ -147,10 +149,6 @@ def _with_paths(run: Run, at_hand: "_AtHand") -> Run:
                         fields[name] = str(local_run.folder.absolute() / path)
         jobs.put(job["job"], cast(Job, fields))
     return replace(run, jobs=jobs)
-
-
-# By the key of a measured file: the run and the job whose files are at hand.
-_AtHand = dict[tuple[str, ...], tuple[Run, Job]]
 
 
 def _key(job: Job) -> tuple[str, ...]:
@@ -193,10 +191,10 @@ def page_name(kind: str, name: str) -> str:
     return f"{kind}-{plain}-{digest}.html"
 
 
-def by_material(sources: Sequence[Publication]) -> Iterator[tuple[str, list[Publication]]]:
-    """The name of every material that has a row, with the sources that have it, in their order."""
+def by_material(sources: Sequence[Publication]) -> dict[str, list[Publication]]:
+    """By name of each material that has a row: the sources that have it, in their order."""
     sources_of_material: dict[str, list[Publication]] = {}
     for source in sources:
         for material in source.materials:
             sources_of_material.setdefault(material.name, []).append(source)
-    yield from sources_of_material.items()
+    return sources_of_material

@@ -7,6 +7,7 @@ each *budget*, such as 32 bits a texel. A codec's *place* is one comparison: its
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from statistics import fmean
 from typing import Any, NamedTuple
 
@@ -164,12 +165,8 @@ def _place(comparison: Comparison, name: str) -> Place | None:
     others = [entry for codec, entry in comparison.candidates if codec != name]
     if not mine or not others:
         return None
-    return Place(comparison.material, comparison.results, max(mine, key=_psnr), max(others, key=_psnr))
-
-
-def _psnr(entry: Entry) -> float:
-    """The PSNR of an entry, to choose the best by."""
-    return entry.psnr
+    by_psnr = attrgetter("psnr")
+    return Place(comparison.material, comparison.results, max(mine, key=by_psnr), max(others, key=by_psnr))
 
 
 def _at_budgets(source: Publication) -> Iterator[Comparison]:

@@ -30,6 +30,7 @@ _TOP = 76
 _BOTTOM = 22
 _MAP_GAP = 2  # pixels between a slice and its FLIP map
 _SHADE_SIZE = (16, 34)  # height and width in pixels of the shade behind the mean of a FLIP map
+_SHADE = np.full((*_SHADE_SIZE, 4), (0, 0, 0, 140), np.uint8)  # RGBA: black, about half transparent
 _LETTER = 7  # pixels of a letter, by which a long line is cut
 _RAMP = 12  # height in pixels of the scale of FLIP maps
 
@@ -61,35 +62,35 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     sheet = Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell_height + _GAP) + _BOTTOM)
     sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
     # The first row: the truth of each slice, below two lines of its angles.
-    for k in range(count):
-        left = _LEFT + k * pair
-        sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
-        sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
-        sheet.picture(left, _TOP, enlarged(first["truth"][k], factor))
+    for place in range(count):
+        left = _LEFT + place * pair
+        sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][place]))
+        sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][place]))
+        sheet.picture(left, _TOP, enlarged(first["truth"][place], factor))
     _label(sheet, "truth", _TOP + cell_height / 2)
     # A row for each codec.
     for number, (row, pictures) in enumerate(rows, 1):
         top = _TOP + number * (cell_height + _GAP)
         _label(sheet, row.label, top + cell_height / 2)
         means = _flip_means(run, row, pictures)
-        for k in range(count):
-            left = _LEFT + k * pair
-            sheet.picture(left, top, enlarged(pictures["decoded"][k], factor))
+        for place in range(count):
+            left = _LEFT + place * pair
+            sheet.picture(left, top, enlarged(pictures["decoded"][place], factor))
             if "flip" in pictures:  # FLIP maps are not made of very small slices
-                sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][k], factor))
-                _draw_mean(sheet, means[k], right=left + 2 * cell_width, bottom=top + cell_height)
+                sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][place], factor))
+                _draw_mean(sheet, means[place], right=left + 2 * cell_width, bottom=top + cell_height)
     flip_scale(sheet, _LEFT + cell_width + _MAP_GAP, _TOP + cell_height // 2, cell_width)
     if left_out:
         sheet.text(_GAP, sheet.height - _BOTTOM / 2, left_out_words(left_out, sheet.width))
     return Figure(material.name, "contact", title, sheet.png(), sheet)
 
 
-def _draw_mean(sheet: Sheet, mean: str, right: int, bottom: int) -> None:
-    """Write the mean of a FLIP map on a shade in its corner at `right` and `bottom` in pixels; nothing if it is ""."""
-    if mean:
+def _draw_mean(sheet: Sheet, mean: float | None, right: int, bottom: int) -> None:
+    """Write the mean of a FLIP map on a shade in its corner at `right` and `bottom` in pixels; nothing for None."""
+    if mean is not None:
         shade_height, shade_width = _SHADE_SIZE
         sheet.picture(right - shade_width, bottom - shade_height - 1, _SHADE)
-        sheet.text(right - 4, bottom - 9, mean, color="white", fontsize=7.5, ha="right")
+        sheet.text(right - 4, bottom - 9, f"{mean:.3f}", color="white", fontsize=7.5, ha="right")
 
 
 def left_out_words(labels: Sequence[str], width: int) -> str:
@@ -159,25 +160,26 @@ def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], place: int) 
     _, first = best_three[0]
     truth = first["truth"]
     factor = math.ceil(2 * CELL / max(truth.shape[1:3]))  # at least twice the size of a contact sheet's pictures
-    words = [f"{material}, truth", *(_caption(job) for job, _ in best_three)]  # below each column
     height = factor * truth.shape[1]
     width = factor * truth.shape[2]
     sheet = Sheet(4 * (width + _GAP) - _GAP, height + _BOTTOM)
-    slices = [truth, *(pictures["decoded"] for _, pictures in best_three)]  # each of all shown pairs
-    for column, slices_of_column in enumerate(slices):
-        sheet.picture(column * (width + _GAP), 0, enlarged(slices_of_column[place], factor))
-        sheet.text(column * (width + _GAP), height + _BOTTOM / 2, words[column])
+    columns = [(f"{material}, truth", truth)]  # the words below each, and its slices of all shown pairs
+    columns += [(_caption(job), pictures["decoded"]) for job, pictures in best_three]
+    for column, (words, slices) in enumerate(columns):
+        left = column * (width + _GAP)
+        sheet.picture(left, 0, enlarged(slices[place], factor))
+        sheet.text(left, height + _BOTTOM / 2, words)
     return Figure(material, "strip", f"{material}: truth and decoded; PSNR: mean over test slices", sheet.png(), sheet)
 
 
-def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
-    """The mean FLIP of each shown slice as text, from the stored scores; "" for each if they are missing."""
+def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[float | None]:
+    """The mean FLIP of each shown slice, from the stored scores; None for each if they are missing."""
     name = row.metric(FLIP)  # in full; "" if it was not scored by FLIP
     scores = arrays(run.folder, row.job, "slices", ("pairs", name))
     if not scores or not name or "pairs" not in pictures:
-        return [""] * len(pictures["decoded"])
+        return [None] * len(pictures["decoded"])
     by_pair = dict(zip(scores["pairs"].tolist(), scores[name].tolist(), strict=True))
-    return [f"{by_pair[pair]:.3f}" for pair in pictures["pairs"].tolist()]
+    return [by_pair[pair] for pair in pictures["pairs"].tolist()]
 
 
 def _label(sheet: Sheet, text: str, middle: float) -> None:
@@ -199,6 +201,3 @@ def flip_scale(sheet: Sheet, left: int, middle: int, width: int) -> None:
     sheet.text(left + width / 2, middle - 12, "FLIP (lower is better)", ha="center", fontsize=7.5)
     sheet.text(left, middle + 20, "0", ha="left", fontsize=7.5)
     sheet.text(left + width, middle + 20, "1", ha="right", fontsize=7.5)
-
-
-_SHADE = np.full((*_SHADE_SIZE, 4), (0, 0, 0, 140), np.uint8)  # RGBA: black, about half transparent

@@ -36,6 +36,12 @@ _BAR = 100  # pixels of the room of a colour bar
 _BAR_WIDTH = 14  # pixels of its colours
 _ABRDF_TOP = 54  # pixels of the head of the figure
 _ABRDF_CELL = 176  # the least side of a map in pixels
+# Of polar maps, in which a block is a codec's two discs:
+_POLAR_TOP = 76  # pixels of the head of the figure
+_DISC = 140  # side of a disc in pixels
+_DISC_DEG = np.linspace(-92, 92, _DISC)  # θ of the pixels across it: a little beyond the horizon, for its ring
+_BLOCK_WIDTH = _DISC + 24  # pixels from one block to the next beside it
+_BLOCK_HEIGHT = 2 * _DISC + 80  # pixels from one line of blocks to the next: two discs and their texts
 _SIDES = {"view": "by view", "light": "by light"}  # hemispheres: their names in `angular`, and in words
 _RING_DEG = 15.0
 EDGES_DEG = np.arange(0.0, 91.0, _RING_DEG)  # of rings of θ
@@ -67,8 +73,9 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
     sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _ABRDF_TOP + rows * cell[1])
     sheet.text(_EDGE, 16, f"{title} ({material.split_in_words})", fontsize=9)
     for number, (label, error) in enumerate(maps):
-        left = _EDGE + number % columns * cell[0]
-        above = _ABRDF_TOP + number // columns * cell[1]
+        line, place = divmod(number, columns)
+        left = _EDGE + place * cell[0]
+        above = _ABRDF_TOP + line * cell[1]
         sheet.text(left, above - 10, short(label, 24))
         sheet.picture(left, above, enlarged(coloured(error, "cividis", scale), factor))
     bar_height = min(rows * cell[1] - 40, 300)
@@ -92,35 +99,30 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     title = f"{material.name}: FLIP over the hemispheres"
     values = {}  # by side and number of the codec: FLIP by cell, (rings of θ, sectors of φ)
     for side in _SIDES:
-        for i, (_, polar) in enumerate(maps):
-            values[side, i] = np.array(polar[side]["value"], float)
+        for number, (_, polar) in enumerate(maps):
+            values[side, number] = np.array(polar[side]["value"], float)
     tops = [np.nanmax(value) for value in values.values() if np.isfinite(value).any()]
     scale = Normalize(0, max(tops, default=0) or 1)  # a range also where no codec has an error
-    # A block is a codec's two discs, the hemisphere of views above that of lights.
+    # In a block the hemisphere of views is above that of lights.
     lines, per_line = grid_of(len(maps), columns=6)
     # At least four blocks wide: the title and the split stand on one line.
-    sheet = Sheet(2 * _EDGE + max(per_line, 4) * _CELL + _BAR, _TOP + lines * _BLOCK)
+    sheet = Sheet(2 * _EDGE + max(per_line, 4) * _BLOCK_WIDTH + _BAR, _POLAR_TOP + lines * _BLOCK_HEIGHT)
     sheet.text(_EDGE, 14, f"{title} ({material.split_in_words})", fontsize=9)
     sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
-    for (side, i), value in values.items():
-        label, polar = maps[i]
-        left = _EDGE + i % per_line * _CELL
-        above = _TOP + i // per_line * _BLOCK
+    for (side, number), value in values.items():
+        label, polar = maps[number]
+        line, place = divmod(number, per_line)
+        left = _EDGE + place * _BLOCK_WIDTH
+        above = _POLAR_TOP + line * _BLOCK_HEIGHT
         if side == "view":
             sheet.text(left, above - 20, short(label, 24))
         else:  # lights stand below views
-            above += _BLOCK // 2 - 10
+            above += _BLOCK_HEIGHT // 2 - 10
         sheet.text(left, above - 6, _SIDES[side], color="0.35")
         sheet.picture(left, above + 4, _disc(polar[side], value, scale))
-    bar = sheet.scale(sheet.width - _BAR, _TOP, (_BAR_WIDTH, 260), "cividis", norm=scale)
+    bar = sheet.scale(sheet.width - _BAR, _POLAR_TOP, (_BAR_WIDTH, 260), "cividis", norm=scale)
     bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
     return Figure(material.name, "polar", title, sheet.png(), sheet)
-
-
-_SIDE = 140  # side of a disc in pixels
-_CELL = _SIDE + 24  # pixels from one block to the next beside it
-_BLOCK = 2 * _SIDE + 80  # pixels from one line of blocks to the next: two discs and their texts
-_TOP = 76  # pixels of the head of the figure
 
 
 def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.ndarray:
@@ -130,7 +132,7 @@ def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.nda
     sectors). Sector 0 is centred on the right, and φ = 90° is on top. NaN, and what lies outside the hemisphere, are
     transparent.
     """
-    x, y = np.meshgrid(_AXIS_DEG, -_AXIS_DEG)  # of each pixel, in degrees of θ from the centre; y grows upwards
+    x, y = np.meshgrid(_DISC_DEG, -_DISC_DEG)  # of each pixel, in degrees of θ from the centre; y grows upwards
     sectors = len(stored["phi_centres_deg"])
     sector = np.round(np.degrees(np.arctan2(y, x)) * sectors / 360).astype(int) % sectors
     radius = np.hypot(x, y)
@@ -138,13 +140,10 @@ def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.nda
     inside = ring < len(value)
     value_of_pixel = value[np.where(inside, ring, 0), sector]  # ring 0 stands in for none, and is masked below
     picture = coloured(np.where(inside, value_of_pixel, np.nan), "cividis", scale)
-    pixel = _AXIS_DEG[1] - _AXIS_DEG[0]  # in degrees
+    pixel = _DISC_DEG[1] - _DISC_DEG[0]  # in degrees
     for edge in (30, 60, 90):  # grey rings, for the eye; 90° is the horizon
         picture[abs(radius - edge) < pixel] = (128, 128, 128, 255)
     return picture
-
-
-_AXIS_DEG = np.linspace(-92, 92, _SIDE)  # of the pixels of a row: a little beyond the horizon, for its ring
 
 
 @of_each_material
@@ -190,9 +189,9 @@ def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]
     ring = np.clip(edges_below - 1, 0, len(EDGES_DEG) - 2)  # 90° lies in the last ring
     centres = []
     means = []
-    for i in np.unique(ring):
-        mean = error[ring == i].mean()
+    for number in np.unique(ring):
+        mean = error[ring == number].mean()
         if mean > 0:
-            centres.append(EDGES_DEG[i] + _RING_DEG / 2)
+            centres.append(EDGES_DEG[number] + _RING_DEG / 2)
             means.append(mean)
     return np.array(centres), psnr(np.array(means))

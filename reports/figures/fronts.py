@@ -1,4 +1,4 @@
-"""Quality over cost: curves over bytes, rungs within budgets of time, and the choices of `trade.json`.
+"""Quality over cost: curves over bytes, rungs within budgets of time, and the choices of a trade.
 
 And the plots that the page also draws, as pictures: rate, speed, fits and level of detail.
 
@@ -7,6 +7,7 @@ precision, as `neubtf-bench trade` timed it. A *goal* is a PSNR that a fit shoul
 """
 
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from textwrap import fill
 from typing import Any
 
@@ -61,17 +62,12 @@ def _drawn_front(front: Front, styles: Styles) -> Drawing:
 
 def trade_fronts(run: Run) -> Iterator[Figure]:
     """One figure for each material whose choices were measured."""
-    choices = run.choices
-    for material in dict.fromkeys(row["material"] for row in choices):
-        # A choice without a PSNR, such as the floor, has no place on the axis of quality; one that failed has no time.
-        rows = []
-        for row in choices:
-            if row["material"] == material and "error" not in row and row.get("psnr") is not None:
-                rows.append(row)
-        if rows:
-            with style():
-                drawing = _drawn_choices(material, rows, Styles(run))
-                yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
+    # A choice without a PSNR, such as the floor, has no place on the axis of quality; one that failed has no time.
+    drawable = [row for row in run.choices if "error" not in row and row.get("psnr") is not None]
+    for material, rows in grouped(drawable, itemgetter("material")).items():
+        with style():
+            drawing = _drawn_choices(material, rows, Styles(run))
+            yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
 
 
 def _drawn_choices(material: str, rows: Sequence[Timing], styles: Styles) -> Drawing:

@@ -45,20 +45,25 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
         return None
     title = f"{material.name}: channels of each codec's texture"
     cell = max(max(cells.shape[1:]) for _, _, cells in blocks) + _GAP  # all have the room of the largest
-    lines = [math.ceil(len(cells) / _LINE) for _, _, cells in blocks]  # of each block
-    sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + sum(lines) * (cell + _GAP))
+    lines = sum(_lines(cells) for _, _, cells in blocks)
+    sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + lines * (cell + _GAP))
     sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
     sheet.text(_GAP, 34, "each channel at mean 0 and variance 1, through a sigmoid: black to white", color="0.35")
     top = _TOP
-    for (label, count, cells), height in zip(blocks, lines, strict=True):
+    for label, count, cells in blocks:
         sheet.text(_GAP, top + 12, short(label, 40))
         sheet.text(_GAP, top + 28, count, color="0.35")
         for number, picture in enumerate(cells):
             line, column = divmod(number, _LINE)
             grey = picture[..., None].repeat(3, axis=-1)  # (h, w, 3)
             sheet.picture(_LEFT + column * cell, top + line * cell, grey)
-        top += height * (cell + _GAP)
+        top += _lines(cells) * (cell + _GAP)
     return Figure(material.name, "latents", title, sheet.png("L"), sheet)
+
+
+def _lines(cells: np.ndarray) -> int:
+    """The lines that the pictures (n, h, w) of a codec's channels take."""
+    return math.ceil(len(cells) / _LINE)
 
 
 def _channels_in_words(textures: Textures) -> str:
@@ -85,7 +90,8 @@ def textures(program: Program) -> Textures:
     """
     height, width = program.size
     # Each level of a pyramid halves both sides, down to a single texel.
-    levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
+    count = max(height, width).bit_length()
+    levels = [max(1, height >> level) * max(1, width >> level) for level in range(count)]  # texels of each
     texels = list(accumulate(levels))  # of the finest level, of the two finest, and so on
     by_place = {"uv"}  # the names of values that depend on uv, so far
     textures_found: Textures = []

@@ -18,7 +18,7 @@ from bench.records import PSNR, Run
 from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
 from reports.figures.canvas import Figure, Sheet, enlarged, short, style
 from reports.figures.contact import flip_scale, left_out_words
-from reports.numbers import fixed
+from reports.numbers import EXACT, fixed
 from reports.rows import Row, materials
 
 CELL = 256  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
@@ -212,5 +212,5 @@ def _decibels(run: Run, row: Row, pair: int) -> str:
     if error is None:
         return ""
     if error == 0:
-        return "exact"
+        return EXACT
     return f"{fixed(float(psnr(error)), 1)} dB"

@@ -78,7 +78,7 @@ def test_numbers_do_not_depend_on_threads_and_the_decoder_runs_in_the_callers(th
 
 
 def test_few_slices_are_in_memory_at_once(monkeypatch):
-    monkeypatch.setattr(scoring, "_BLOCK_TEXELS", 1)
+    monkeypatch.setattr(scoring, "_STACK_TEXELS", 1)
     btf, decoded = make(60, (32, 32))
     slices, alive = [], []
 
