@@ -173,9 +173,14 @@ class _Parser(argparse.ArgumentParser):
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of the wanted command; the others are only listed, not imported. `InputError` if there is none."""
     known = commands.modules()
+    is_command = bool(wanted) and not wanted[0].startswith("-")
+    if is_command and wanted[0] not in known:
+        if wanted[0] in commands.RENAMED:
+            raise InputError(f"`{wanted[0]}` is now `{commands.RENAMED[wanted[0]]}`")
+        raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
     about = "Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample."
-    if not (wanted and wanted[0] in known):  # the list of commands is shown where none is wanted
-        about += f"\n\n{commands.grouped(known)}"
+    if not is_command:  # the list of commands is shown where none is wanted
+        about += f"\n\n{commands.in_groups(known)}"
     top = _Parser(
         prog="neubtf-bench",
         usage="neubtf-bench [--version] COMMAND ...",
@@ -188,10 +193,6 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
     hidden = argparse.SUPPRESS
     top.add_argument("-h", "--help", action="help", help=hidden)
     top.add_argument("--version", action="version", version=f"neubtf-bench {bench.__version__}", help=hidden)
-    if wanted and not wanted[0].startswith("-") and wanted[0] not in known:
-        if wanted[0] in commands.RENAMED:
-            raise InputError(f"`{wanted[0]}` is now `{commands.RENAMED[wanted[0]]}`")
-        raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
     listing = top.add_subparsers(prog="neubtf-bench", required=True, metavar="COMMAND", help=hidden)
     for name, module in known.items():
         if name in wanted:

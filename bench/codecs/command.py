@@ -184,7 +184,9 @@ def _parts_of_folder(folder: Path, size: tuple[int, int], command: str) -> Parts
     for file in files:
         if file.is_symlink() or not file.is_file():
             raise CodecError(f"{command}: {file.name} in {{files}} is not a regular file: write plain files there")
-    texture = {f"{i:04d}": torch.from_numpy(np.fromfile(file, np.uint8)) for i, file in enumerate(files)}
+    texture = {}
+    for number, file in enumerate(files):
+        texture[f"{number:04d}"] = torch.from_numpy(np.fromfile(file, np.uint8))
     names = json.dumps([file.name for file in files]).encode()
     other = {NAMES: torch.frombuffer(bytearray(names), dtype=torch.uint8), SIZE: torch.tensor(size)}
     return Parts(texture=texture, other=other)

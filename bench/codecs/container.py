@@ -56,13 +56,18 @@ LEAST_EXPANDED = 64 << 20  # 64 MiB
 PARTS = ("decoder", "texture", "encoder", "sampling", "other")
 # The dtypes that a codec may write: the name in a file → the bytes of one number. `HELD`: PyTorch's name of each.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
-HELD = dict(
-    zip(
-        ITEM_BYTES,
-        ("float64", "float32", "float16", "bfloat16", "int64", "int32", "int16", "int8", "uint8", "bool"),
-        strict=True,
-    )
-)
+HELD = {
+    "F64": "float64",
+    "F32": "float32",
+    "F16": "float16",
+    "BF16": "bfloat16",
+    "I64": "int64",
+    "I32": "int32",
+    "I16": "int16",
+    "I8": "int8",
+    "U8": "uint8",
+    "BOOL": "bool",
+}
 MOST_SIDES = 64  # of a tensor, the limit of PyTorch
 Entry = tuple[str, tuple[int, ...], int]  # dtype, shape, number of bytes of a tensor
 
@@ -203,13 +208,9 @@ def _check_parts(codec: "Encoder", parts: object) -> None:
             if not isinstance(value, Tensor):
                 due = "a tensor (torch.from_numpy makes one of an array)"
                 raise answered(encode, f"Parts whose {full} is of type {type(value).__name__}", due, EncodeError)
-            fault = _fault(value)
+            fault = _fault(value) or _overlap_in_words(value, stored)
             if fault:
                 raise EncodeError(f"codec {codec.name}: {full} {fault}")
-            for other, earlier in stored.items():
-                if _overlap(value, earlier):
-                    remedy = "store one of them, or a .clone()"
-                    raise EncodeError(f"codec {codec.name}: {full} shares its memory with {other}: {remedy}")
             stored[full] = value
 
 
@@ -217,6 +218,14 @@ def _encodable(name: str) -> bool:
     """Whether a file can hold a name: a byte that is not UTF-8, as in some file names, cannot be written."""
     # Encoding with "ignore" drops every character that UTF-8 cannot write, so such a name comes back shorter.
     return name == name.encode("utf-8", "ignore").decode()
+
+
+def _overlap_in_words(tensor: "Tensor", stored: "dict[str, Tensor]") -> str:
+    """Which of the stored tensors, by "part/name", shares its memory with a tensor, and what to do; "" if none does."""
+    for name, other in stored.items():
+        if _overlap(tensor, other):
+            return f"shares its memory with {name}: store one of them, or a .clone()"
+    return ""
 
 
 def _overlap(tensor: "Tensor", other: "Tensor") -> bool:
@@ -270,7 +279,8 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
                 fault = "a compressed part holds tensors of another, or is not alone in its own"
                 raise ContainerError(f"{path}: {fault}: encode it again")
             budget -= sum(values.nbytes for values in tensors.values())
-        getattr(parts, part).update({inner.split("/", 1)[1]: values for inner, values in tensors.items()})
+        for inner, values in tensors.items():
+            getattr(parts, part)[inner.removeprefix(f"{part}/")] = values
     return header, parts
 
 

@@ -38,16 +38,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     """
     path = Path(path)
     header, parts = read_parts(path)
-    if header.kind == SHARED:
-        fault = f"not a material, but the network that codec {header.codec} shares over materials"
-        raise ContainerError(f"{path}: {fault}: give the file of a material")
-    codec_class = registry.load_codec(header.codec, wanted_by=str(path))
-    installed = codec_class.version_of(header.settings)
-    if header.version != installed:
-        raise ContainerError(
-            f"{path}: written by version {header.version} of codec {header.codec}, but installed is version "
-            f"{installed}: encode it again, or install the version that wrote it"
-        )
+    codec_class = _codec_of(header)
     network = _needed_network(header, codec_class, network)
     parts = dataclasses.replace(parts, network=network)
     numbers = _count_numbers(parts)
@@ -73,6 +64,24 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         what = said_by(error)
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
     return Loaded(header, material, network)
+
+
+def _codec_of(header: Header) -> type[Codec]:
+    """The class of the codec that wrote a material's file.
+
+    `ContainerError` if the file holds no material, or if another version of the codec is installed.
+    """
+    if header.kind == SHARED:
+        fault = f"not a material, but the network that codec {header.codec} shares over materials"
+        raise ContainerError(f"{header.path}: {fault}: give the file of a material")
+    codec_class = registry.load_codec(header.codec, wanted_by=str(header.path))
+    installed = codec_class.version_of(header.settings)
+    if header.version != installed:
+        raise ContainerError(
+            f"{header.path}: written by version {header.version} of codec {header.codec}, but installed is version "
+            f"{installed}: encode it again, or install the version that wrote it"
+        )
+    return codec_class
 
 
 def decoded(codec: Codec, parts: Parts, device: torch.device) -> Material:

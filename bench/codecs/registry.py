@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 GROUP = "neubtf_bench.codecs"
 STORE = "bench.training.stored_texture"  # its `VERSION` is part of the version of every codec
 COMMAND = "command"  # the codec of other programs; lists omit it, because it is useless without them
+UNLABELLED = ("called", "encode", "decode")  # its settings that no label shows as KEY=VALUE: names and command lines
 _OF_COMMANDS = EntryPoint(COMMAND, "bench.codecs.command:Programs", GROUP)
 
 

@@ -78,11 +78,14 @@ class Window:
 
     def holds(self, uv: Tensor) -> Tensor:
         """Mask (n,) of the uv (n, 2) that lie in the window."""
+        whole = Window.whole(self.size, self.factor)  # texels that do not fill a box do not count as left out
+        inside = torch.ones(len(uv), dtype=torch.bool, device=uv.device)
         # Texels after the window's start, around the texture's border, are in it up to its width or height.
-        across = (uv[:, 0] * self.size[1] - self.left).remainder(self.size[1]) <= self.width
-        down = ((1 - uv[:, 1]) * self.size[0] - self.top).remainder(self.size[0]) <= self.height
-        whole_boxes = Window.whole(self.size, self.factor)  # texels that do not fill a box do not count as left out
-        return (across | (self.width == whole_boxes.width)) & (down | (self.height == whole_boxes.height))
+        if self.width != whole.width:
+            inside &= (uv[:, 0] * self.size[1] - self.left).remainder(self.size[1]) <= self.width
+        if self.height != whole.height:
+            inside &= ((1 - uv[:, 1]) * self.size[0] - self.top).remainder(self.size[0]) <= self.height
+        return inside
 
 
 def cell_of(directions: Tensor) -> Tensor:

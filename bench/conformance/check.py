@@ -33,6 +33,7 @@ from bench.material import Material, texel_centres
 
 # Float32 sums of a few hundred terms in another order differ by about 1e-6 of their size; allow ten times that.
 ROUNDING = 1e-5
+QUERIES = 500  # random queries that most checks ask
 SETTING = math.radians(89.9)  # a light just above the horizon
 FADED = 0.01  # of the mean answer to the zenith, what may be left there
 
@@ -137,17 +138,17 @@ class CodecUnderTest:
 
     @cached_property
     def queries(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """500 random queries: uv over several periods, directions up to 89°, footprints up to half the picture."""
+        """Random queries: uv over several periods, directions up to 89°, footprints up to half the picture."""
         rng = np.random.default_rng(0)
-        uv = torch.from_numpy(rng.uniform(-3, 3, (500, 2)).astype(np.float32))
-        wo = torch.from_numpy(uniform(rng, 500, theta_max_deg=89))
-        wi = torch.from_numpy(uniform(rng, 500, theta_max_deg=89))
-        footprint = torch.from_numpy(rng.uniform(0, 0.5, 500).astype(np.float32))
+        uv = torch.from_numpy(rng.uniform(-3, 3, (QUERIES, 2)).astype(np.float32))
+        wo = torch.from_numpy(uniform(rng, QUERIES, theta_max_deg=89))
+        wi = torch.from_numpy(uniform(rng, QUERIES, theta_max_deg=89))
+        footprint = torch.from_numpy(rng.uniform(0, 0.5, QUERIES).astype(np.float32))
         return uv, wo, wi, footprint
 
     @cached_property
     def answers(self) -> Tensor:
-        """The answers (500, 3) of the small material to `queries`."""
+        """The answers (QUERIES, 3) of the small material to `queries`."""
         with torch_threads(1):  # as the fresh process has, whose answers must be these bit for bit
             return self.material.query(*self.queries)
 
@@ -207,7 +208,7 @@ def batches(tested: CodecUnderTest) -> None:
     """one batch answers as many small ones do"""
     uv, wo, wi, footprint = tested.queries
     pieces = []
-    for start in range(0, 500, 7):
+    for start in range(0, QUERIES, 7):
         rows = slice(start, start + 7)
         pieces.append(tested.material.query(uv[rows], wo[rows], wi[rows], footprint[rows]))
     _require_same("batches of 7", torch.cat(pieces), tested.answers, ROUNDING)
@@ -232,7 +233,7 @@ def wraps(tested: CodecUnderTest) -> None:
 
 def refuses(tested: CodecUnderTest) -> None:
     """a query that is not finite is refused, and the row is named"""
-    uv, wo, wi, footprint = (q.clone() for q in tested.queries)
+    uv, wo, wi, footprint = (column.clone() for column in tested.queries)
     wo[123, 1] = float("nan")  # any row in the middle of the batch
     try:
         tested.material.query(uv, wo, wi, footprint)
@@ -307,7 +308,8 @@ def slices(tested: CodecUnderTest) -> None:
         raise CheckError(f"size is {(height, width)}, the BTF's is {tested.btf.shape}")
     wo, wi = tested.btf.wo[5], tested.btf.wi[5]  # any pair that is not the first
     uv = texel_centres(height, width)
-    view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
+    view = torch.from_numpy(wo).expand(len(uv), 3)
+    light = torch.from_numpy(wi).expand(len(uv), 3)
     answers = tested.material.query(uv, view, light, 1 / max(height, width))
     picture = answers.reshape(height, width, 3)
     _require_same("slice", tested.material.slice(wo.tolist(), wi.tolist()), picture, tolerance=0.0)
@@ -316,8 +318,8 @@ def slices(tested: CodecUnderTest) -> None:
 def encodes(tested: CodecUnderTest) -> None:
     """it encodes, and its file decodes and answers"""
     answers = tested.answers
-    if answers.shape != (500, 3):
-        raise CheckError(f"500 queries must give (500, 3), not {tuple(answers.shape)}")
+    if answers.shape != (QUERIES, 3):
+        raise CheckError(f"{QUERIES} queries must give ({QUERIES}, 3), not {tuple(answers.shape)}")
 
 
 def repeats(tested: CodecUnderTest) -> None:
@@ -332,19 +334,15 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
     """it encodes, decodes and answers on a GPU (an emulated one), as on the CPU"""
     if tested.material.opaque:
         raise NotApplicable("another program answers")
-    settings = settings_dict(tested.codec)
+    codec = _in_few_steps(tested.codec)
+    path = tested.folder / f"gpu{container.SUFFIX}"
     queries = [column[:64] for column in tested.queries]
-    if "steps" in settings:
-        settings["steps"] = 4  # an emulated GPU takes long for a kernel, and a few steps run all code of a fit
-    codec = type(tested.codec)(**settings)
     try:
         with emulated.emulated() as device, torch_threads(1):
-            fit = Fit(seed=1, network=tested.network, device=device)
-            path = tested.folder / f"gpu{container.SUFFIX}"
-            fit_to_file(codec, tested.btf, fit, path)
+            fit_to_file(codec, tested.btf, Fit(seed=1, network=tested.network, device=device), path)
             _, parts = container.read_parts(path)
             material = _decoded_on(device, codec, replace(parts, network=tested.network), queries)
-            answers = material.query(*(q.to(device) for q in queries)).cpu()
+            answers = material.query(*(column.to(device) for column in queries)).cpu()
             material.slice(tested.btf.wo[0].tolist(), tested.btf.wi[0].tolist())
     except emulated.NoEmulationError as error:
         raise NotApplicable(str(error)) from error
@@ -353,6 +351,14 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
         raise
     on_the_cpu = loading.load(path, network=tested.network).material
     _require_same("on the GPU", answers, on_the_cpu.query(*queries), ROUNDING)
+
+
+def _in_few_steps(codec: Codec) -> Codec:
+    """The codec with 4 steps of its fit, if it has any: they run all code of a fit, and an emulated GPU is slow."""
+    settings = settings_dict(codec)
+    if "steps" in settings:
+        settings["steps"] = 4
+    return type(codec)(**settings)
 
 
 def _name_the_tensor(error: RuntimeError, codec: Codec) -> None:
@@ -373,7 +379,7 @@ def _decoded_on(device: torch.device, codec: Codec, parts: Parts, queries: list[
     left = ", ".join(f"`{name}`" for name in emulated.left_behind(material))
     try:
         if is_gpu(material.device):
-            material.query(*(q.to(device) for q in queries))
+            material.query(*(column.to(device) for column in queries))
             return material
     except RuntimeError as error:
         if not left:

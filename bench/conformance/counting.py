@@ -56,7 +56,8 @@ def _fault_of_textures(material: Material, texture: dict[str, Tensor]) -> str:
     floats = texture_floats(texture)
     channels = texture_channels(texture, material.size)
     if declared.texture_floats not in floats and declared.texture_floats != held:
-        stores = " to ".join(f"{count:,}" for count in dict.fromkeys((floats[0], floats[-1])))
+        fewest, most = floats[0], floats[-1]
+        stores = f"{fewest:,}" if fewest == most else f"{fewest:,} to {most:,}"
         return f"declares {declared.texture_floats:,} numbers in textures, stores {stores} and holds {held:,}"
     if channels is not None and declared.texture_channels != channels:
         return f"declares {declared.texture_channels:,} texture channels, stores {channels:,}"
@@ -150,8 +151,8 @@ def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int |
 def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
     """The channels of one tensor: its shape contains `size` (H, W), or its rows are the texels of all levels. 0 for a
     coarser texture, None for another layout."""
-    places = [i for i in range(len(shape) - 1) if shape[i : i + 2] == size]  # where H and W follow each other
-    if places:
+    pairs_of_sides = [shape[place : place + 2] for place in range(len(shape) - 1)]
+    if size in pairs_of_sides:  # H and W follow each other
         return math.prod(shape) // math.prod(size)
     if len(shape) == 2 and shape[0] >= math.prod(size):
         return shape[1]

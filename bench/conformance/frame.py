@@ -54,8 +54,10 @@ def _part_toward(w: Tensor, phi_deg: float) -> Tensor:
 
 def material(radiance: Radiance = truth) -> BTF:
     """A material as a BTF, all views times all lights: the zenith and two rings, which each turn maps to itself."""
-    rings = [(0.0, 0.0), *((30.0, 90.0 * i) for i in range(4)), *((60.0, 45.0 * i) for i in range(8))]
-    directions = np.stack([from_degrees(theta, phi) for theta, phi in rings])
+    angles = [(0.0, 0.0)]  # θ and φ in degrees
+    angles += [(30.0, 90.0 * number) for number in range(4)]
+    angles += [(60.0, 45.0 * number) for number in range(8)]
+    directions = np.stack([from_degrees(theta, phi) for theta, phi in angles])
     wo, wi = product(directions, directions)
     uv = texel_centres(*SHAPE)
     pictures = []
@@ -235,7 +237,8 @@ class FrameAnswers:
         """Ask a decoded material at the texel centres, at every pair."""
         uv = texel_centres(*SHAPE)
         # All texels of the first pair, then all of the second, and so on.
-        wo, wi = (torch.from_numpy(w).repeat_interleave(len(uv), 0) for w in (btf.wo, btf.wi))
+        wo = torch.from_numpy(btf.wo).repeat_interleave(len(uv), 0)
+        wi = torch.from_numpy(btf.wi).repeat_interleave(len(uv), 0)
         queries = uv.repeat(len(btf), 1), wo, wi
         return cls(decoded.query(*queries, footprint=1 / max(SHAPE)).double(), queries)
 

@@ -90,15 +90,15 @@ def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
     """Try the cheap extremes of the stress test and yield each result; one detail is given in full only once."""
     subject = stress.Subject(tested)
     cases = [case for case in stress.CASES if case.cheap]
-    details = dict[str, str]()  # by detail, the first extreme that gave it
+    first_with: dict[str, str] = {}  # by detail, the first extreme that gave it
     hint = more_steps(tested.codec)  # said once, of the first quality that is missed
     for case in followed(tested.show, cases, "extremes", len(cases)):
         verdict = stress.judge(case, subject)
-        first_with_detail = details.setdefault(verdict.detail, case.name)
-        what = verdict.detail if first_with_detail == case.name else f"the same as for {first_with_detail!r}"
+        first = first_with.setdefault(verdict.detail, case.name)
         failure = reason = ""
         if verdict.verdict == "fail":
-            failure = what + met_by_others(case.name)
+            failure = verdict.detail if first == case.name else f"the same as for {first!r}"
+            failure += met_by_others(case.name)
             if case.group == "data":  # only these are of quality
                 failure += hint
                 hint = ""

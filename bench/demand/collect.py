@@ -71,13 +71,16 @@ class Points:
 
     def _uv_of(self, moved: Array) -> Array:
         """The change of uv (n, 2) of a step (n, 3) within the surface, by least squares."""
-        a, b = self.dp_du, self.dp_dv
-        # The normal equations: products (n,) of the two derivatives with each other, and with the step. They are two
+        # The normal equations: products (n, 1) of the two derivatives with each other, and with the step. They are two
         # equations for two unknowns, which Cramer's rule solves.
-        dot_uu, dot_uv, dot_vv = _dot(a, a)[:, 0], _dot(a, b)[:, 0], _dot(b, b)[:, 0]
-        step_u, step_v = _dot(moved, a)[:, 0], _dot(moved, b)[:, 0]
-        change = np.stack([step_u * dot_vv - step_v * dot_uv, step_v * dot_uu - step_u * dot_uv], -1)
-        return change / (dot_uu * dot_vv - dot_uv * dot_uv)[:, None]
+        dot_uu = _dot(self.dp_du, self.dp_du)
+        dot_uv = _dot(self.dp_du, self.dp_dv)
+        dot_vv = _dot(self.dp_dv, self.dp_dv)
+        step_u = _dot(moved, self.dp_du)
+        step_v = _dot(moved, self.dp_dv)
+        change_u = step_u * dot_vv - step_v * dot_uv
+        change_v = step_v * dot_uu - step_u * dot_uv
+        return np.concatenate([change_u, change_v], 1) / (dot_uu * dot_vv - dot_uv * dot_uv)
 
 
 def _dot(a: Array, b: Array) -> Array:

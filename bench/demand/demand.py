@@ -24,15 +24,16 @@ FARTHEST = 64.0  # limit of a footprint, in longer sides of the texture: at the 
 REACH = 1e12  # the largest distance from the texture's origin, in its sides
 BRIGHTEST = 1e30  # largest weight: sums of a million stay finite in float32
 SNORM = 32767  # directions are stored as signed 16-bit numbers; 1.5e-5 off at most
+# The arrays of a file, in order: the type of their numbers, and the shape of what they hold for one query.
 COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
-    "pixel": (np.int32, ()),
     "place": (np.float32, (2,)),
     "footprint": (np.float32, ()),
     "wo": (np.int16, (3,)),
     "wi": (np.int16, (3,)),
     "weight": (np.float32, (3,)),
+    "pixel": (np.int32, ()),
 }
-NAMES = ("place", "footprint", "wo", "wi", "weight", "pixel")  # the columns in the order of a file
+NAMES = tuple(COLUMNS)
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 import torch
 
-from bench import metrics as registry
-from bench import records
+from bench import metrics, records
 from bench.btf import BTF, Array, box_filter
 from bench.codec import Progress, silent
 from bench.demand.demand import Demand
@@ -23,10 +22,10 @@ from bench.metrics.angular import as_number
 from bench.metrics.base import Prepared, SliceMetric
 from bench.metrics.display import exposure_of, to_display
 
-NAMES = registry.chosen_names(registry.DEFAULTS, periodic=False)  # a frame has borders
+NAMES = metrics.chosen_names(metrics.DEFAULTS, periodic=False)  # a frame has borders
 PROBED = 1024  # queries that tell whether a material filters
 KEPT_FRAMES, KEPT_SIDE = 3, 320  # frames that a run stores, and pixels along their longer side, at most
-PSNR, FLIP = (registry.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
+PSNR, FLIP = (metrics.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
 
 
 def table_of(btf: BTF) -> BTF:
@@ -48,10 +47,7 @@ def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     used = used[np.argsort(pair[used], kind="stable")]  # the rows of one pair stand together
     starts = np.searchsorted(pair[used], np.arange(len(btf) + 1))  # in `used`: of each pair, and the end of the last
     uv = torch.from_numpy(demand.uv(btf.shape))
-    deepest = int(np.log2(min(btf.shape)))  # the last level of which a box fits into the picture
-    # The level of detail of each query: log2 of its footprint in texels, within the pyramid.
-    texels = np.maximum(demand.footprint, 1e-9) * max(btf.shape)
-    level = torch.from_numpy(np.clip(np.log2(texels), 0, deepest).astype(np.float32))
+    level = _levels(demand.footprint, btf.shape)
     answers = np.zeros((len(demand), 3), np.float32)
     for index in range(len(btf)):
         show(f"reference of {demand.name}", index + 1, len(btf))
@@ -61,6 +57,13 @@ def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
             values = _filtered(btf[index], uv[query], level[query])
             np.add.at(answers, query, values.numpy() * weight[rows, None])
     return np.maximum(answers, 0)
+
+
+def _levels(footprint: Array, size: tuple[int, int]) -> torch.Tensor:
+    """The levels of detail (n,) of footprints (n,): log2 of each in texels, within the pyramid of a texture (H, W)."""
+    deepest = int(np.log2(min(size)))  # the last level of which a box fits into the picture
+    texels = np.maximum(footprint, 1e-9) * max(size)
+    return torch.from_numpy(np.clip(np.log2(texels), 0, deepest).astype(np.float32))
 
 
 def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
@@ -143,7 +146,7 @@ class FrameScorer:
         scores = {}
         _, height, width = self.demand.frames
         for name in names:
-            metric = registry.get(name).load()
+            metric = metrics.get(name).load()
             if min(height, width) < metric.smallest:
                 continue
             sides = self._sides(name, metric)
@@ -174,7 +177,7 @@ class FrameScorer:
         factor = math.ceil(max(frames.shape[1:3]) / KEPT_SIDE)
         kept = {}
         for name, whole in (("truth", self.truth), ("decoded", frames)):
-            small = np.stack([box_filter(whole[i], factor) for i in chosen])
+            small = np.stack([box_filter(whole[frame], factor) for frame in chosen])
             kept[name] = np.round(to_display(small, self.exposure) * 255).astype(np.uint8)
         return kept
 

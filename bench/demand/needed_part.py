@@ -31,23 +31,16 @@ class NeededPart:
     finest: float  # footprint, in longer sides of the texture; only `FINEST` of the demand is finer
     views: Array
     lights: Array
-    whole: bool  # whether it is all of the BTF
 
     @classmethod
     def for_demand(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "NeededPart":
         """The part of a BTF that a demand needs; `every_pair` keeps all pairs."""
-        order = np.argsort(demand.footprint, kind="stable")
-        # From the finest query on: the first with which the running share of the demand reaches `FINEST`. Rounding may
-        # keep the sum below it, so the last query is the limit.
-        running = np.cumsum(demand.importance[order])
-        place = min(int(np.searchsorted(running, FINEST)), len(order) - 1)
-        finest = float(demand.footprint[order[place]])
+        finest = _finest_footprint(demand)
         # Texels a side of a box that this footprint still covers: whole ones, at most the shorter side of the picture.
         factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
         window = _window(btf.shape, demand, factor)
         pairs = np.arange(len(btf)) if every_pair else needed_pairs(btf.layout, demand)
-        whole = window == Window.whole(btf.shape) and len(pairs) == len(btf)
-        return cls(window, pairs, finest, _cells(demand.wo), _cells(demand.wi), whole)
+        return cls(window, pairs, finest, _cells(demand.wo), _cells(demand.wi))
 
     def cut(self, btf: BTF) -> BTF:
         """Cut the BTF to the needed part."""
@@ -69,6 +62,16 @@ class NeededPart:
             "views": to_hex(self.views),
             "lights": to_hex(self.lights),
         }
+
+
+def _finest_footprint(demand: Demand) -> float:
+    """The footprint of which only the share `FINEST` of a demand is finer, in longer sides of the texture."""
+    order = np.argsort(demand.footprint, kind="stable")
+    # From the finest query on: the first with which the running share of the demand reaches `FINEST`. Rounding may keep
+    # the sum below it, so the last query is the limit.
+    running = np.cumsum(demand.importance[order])
+    place = min(int(np.searchsorted(running, FINEST)), len(order) - 1)
+    return float(demand.footprint[order[place]])
 
 
 def needed_pairs(layout: Layout, demand: Demand) -> Array:
@@ -173,7 +176,9 @@ def pair_weights(layout: Layout, demand: Demand, radiance: bool = False) -> Weig
     interpolator = PairInterpolator(layout)
     search = interpolator if radiance else interpolator.shares
     wo, wi = torch.from_numpy(demand.wo), torch.from_numpy(demand.wi)
-    parts = [search(o, i) for o, i in zip(wo.split(CHUNK), wi.split(CHUNK), strict=True)]
+    parts = []
+    for some_wo, some_wi in zip(wo.split(CHUNK), wi.split(CHUNK), strict=True):
+        parts.append(search(some_wo, some_wi))
     sample = torch.cat([part.sample for part in parts])
     weight = torch.cat([part.weight for part in parts])
     return Weights(sample.int(), weight.float())

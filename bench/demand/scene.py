@@ -229,8 +229,9 @@ def _frames(camera: Any) -> list[Any]:
     path = camera["path"]
     if not isinstance(path, list) or not path:
         raise InputError("camera: path has no frame: it must be a list of tables")
-    frames: list[Any] = []
+    frames = []
     for frame in path:
-        is_table = isinstance(frame, dict)
-        frames.append(shared | frame if is_table else frame)  # anything else is refused where the camera is made
+        if isinstance(frame, dict):  # anything else is refused where the camera is made
+            frame = shared | frame
+        frames.append(frame)
     return frames

@@ -39,17 +39,19 @@ Answers = Callable[[Demand], Array]  # the queries of a demand → linear radian
 
 def lamps(kind: str) -> tuple[LightSource, ...]:
     """Lights instead of a scene's own: `sun`, one direction, or `environment`, a sun and six weaker ones around it."""
-    # The sun first, then six weaker lights in a ring, warm and cold in turns.
-    theta = [40] + [58] * 6
-    phi = [120, *range(0, 360, 60)]
-    directions = from_degrees(theta, phi).tolist()
-    colours: list[Colour] = [(0.6, 0.58, 0.54), *[(0.28, 0.25, 0.2), (0.1, 0.12, 0.16)] * 3]
     if kind == "sun":
-        directions, colours = directions[:1], [(1, 1, 1)]
-    lights = []
-    for (x, y, z), colour in zip(directions, colours, strict=True):
-        lights.append(LightSource("directional", toward=(x, y, z), irradiance=colour))
+        return (_directional(40, 120, (1.0, 1.0, 1.0)),)
+    lights = [_directional(40, 120, (0.6, 0.58, 0.54))]
+    for phi in range(0, 360, 120):  # a warm one and a cold one in turns
+        lights.append(_directional(58, phi, (0.28, 0.25, 0.2)))
+        lights.append(_directional(58, phi + 60, (0.1, 0.12, 0.16)))
     return tuple(lights)
+
+
+def _directional(theta_deg: float, phi_deg: float, irradiance: Colour) -> LightSource:
+    """A light from one direction, given by its angles in degrees."""
+    x, y, z = from_degrees(theta_deg, phi_deg).tolist()
+    return LightSource("directional", toward=(x, y, z), irradiance=irradiance)
 
 
 def changed(scene: Scene, lights: str | None, tiling: float, width: int | None) -> Scene:

@@ -23,7 +23,7 @@ from bench import records
 from bench.codec import Progress, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.container import Header
-from bench.codecs.registry import COMMAND, codec_entries, make_codec
+from bench.codecs.registry import COMMAND, UNLABELLED, codec_entries, make_codec
 from bench.data.kinds import kind_of
 from bench.data.open import draw_of
 from bench.data.spec import MaterialSpec, Preparation
@@ -62,7 +62,7 @@ DECIBELS = 0.01
 RELATIVE = 1e-3
 MOST_REASONS = 4  # that a verdict lists
 _STARTED = ("kind", "run", "suite", "data", "materials", "jobs")  # fields taken from the start of a submitted run
-_OTHER = "the data of {} here differ from the submitted data"
+_OTHER_DATA = "the data of {} here differ from the submitted data"
 AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 
@@ -178,10 +178,9 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     starts = {start["run"]: start for start in run.starts if "run" in start}
     for start in starts.values():
         # Who measured, and with what, is said of this machine; only what the jobs are comes from the archive.
-        here: RunStart = {"text": "", "device": "cpu", "threads": 1}
-        here |= provenance()
         submitted = {key: value for key, value in start.items() if key in _STARTED}
-        records.append(out, cast(RunStart, submitted | dict(here)))
+        here = {"text": "", "device": "cpu", "threads": 1, **provenance()}
+        records.append(out, cast(RunStart, submitted | here))
     for job in run.jobs:
         name = str(job.get("job"))
         start = starts.get(job.get("run", ""), RunStart())  # empty if the archive lacks the start of the job's run
@@ -222,7 +221,7 @@ def _verdict_on_job(
     metrics = tuple(job["score_key"]["metrics"])
     with open_workbench(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:
-            return Verified(name, NOT_VERIFIED, _OTHER.format(spec.name))
+            return Verified(name, NOT_VERIFIED, _OTHER_DATA.format(spec.name))
         return _verdict_by_scoring(job, workbench, folder, out, show, data.split)
 
 
@@ -263,7 +262,7 @@ def _obstacle_of_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
     if outline is not None:
         if outline.fingerprint == job["score_key"]["btf"]:
             return ""
-        return _OTHER.format(spec.name)
+        return _OTHER_DATA.format(spec.name)
     needed = kind.bytes_made(spec, data)
     if needed > MOST_BAKED:
         return f"baking {spec.name} would need {needed >> 30} GiB"
@@ -285,14 +284,8 @@ def _verdict_by_scoring(
     misfits = list(misnamed(job, header))
     if misfits:
         return Verified(job["job"], DIFFERS, "; ".join(misfits))
-    # The key of the fit: of the file, but for the version of the store of textures, which files do not hold.
-    fit: FitKey = {"codec": header.codec, "version": header.version, "settings": header.settings}
-    fit["store"] = job["fit_key"]["store"]
-    fit["training"] = workbench.training.fingerprint
-    if header.network:
-        fit["shared"] = header.network
     # The record has the names of the claimed job, such as its material and seed; all else is measured here.
-    record: Job = {**kept(job, NAMES), "split": split, "fit_key": fit}
+    record: Job = {**kept(job, NAMES), "split": split, "fit_key": _key_of_fit(job, header, workbench)}
     # Large arrays, such as pictures of slices, go into files below `out`.
     record |= evaluate(workbench, loaded, threads=1, keep=partial(store_content, out), show=show)
     record |= {
@@ -312,6 +305,16 @@ def _verdict_by_scoring(
     if len(reasons) > MOST_REASONS:
         why += f" and {len(reasons) - MOST_REASONS} more"
     return Verified(job["job"], DIFFERS, why, record)
+
+
+def _key_of_fit(job: Job, header: Header, workbench: Workbench) -> FitKey:
+    """What a file says of its fit; the version of the store of textures, which no file holds, is the claimed one."""
+    key: FitKey = {"codec": header.codec, "version": header.version, "settings": header.settings}
+    key["store"] = job["fit_key"]["store"]
+    key["training"] = workbench.training.fingerprint
+    if header.network:
+        key["shared"] = header.network
+    return key
 
 
 def differences(claimed: Job, here: Job) -> Iterator[str]:
@@ -356,18 +359,12 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     """
     label = str(claimed["label"])
     curve = str(claimed["curve"])
-    programs = {}  # settings of the codec `command`, which its label leaves out
+    unlabelled: dict[str, Any] = {}
     if header.codec == COMMAND:
-        programs = {key: header.settings[key] for key in ("called", "encode", "decode") if key in header.settings}
-    called = str(programs.get("called", header.codec))
+        unlabelled = {key: value for key, value in header.settings.items() if key in UNLABELLED}
+    called = str(unlabelled.get("called", header.codec))
     words = label.removeprefix(called).split()  # each is KEY=VALUE
-    try:
-        settings = dict(word.split("=", 1) for word in words)
-        of_label = settings_dict(make_codec(header.codec, programs | settings))
-        label_fits = of_label == settings_dict(make_codec(header.codec, header.settings))
-    except (InputError, ValueError):  # the label names no codec and settings
-        label_fits = False
-    if not label.startswith(called) or not label_fits:
+    if not label.startswith(called) or not _are_settings_of(header, words, unlabelled):
         yield f"label is {label!r}, but the file's codec and settings have another label"
     words_of_curve = curve.removeprefix(called).split()
     if not curve.startswith(called) or not set(words_of_curve) <= set(words):
@@ -375,3 +372,13 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     name = job_name(claimed["material"], label, claimed["seed"])
     if name != claimed["job"]:
         yield f"job is {claimed['job']!r}, not {name!r}"
+
+
+def _are_settings_of(header: Header, words: list[str], unlabelled: dict[str, Any]) -> bool:
+    """Whether the words KEY=VALUE of a label, with the settings that it leaves out, give all settings of a file."""
+    try:
+        of_label = dict(word.split("=", 1) for word in words)
+        codec = make_codec(header.codec, unlabelled | of_label)
+        return settings_dict(codec) == settings_dict(make_codec(header.codec, header.settings))
+    except (InputError, ValueError):  # the label names no codec and settings
+        return False

@@ -125,18 +125,12 @@ def record_of_scores(
     # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
     at_one_texel: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
     angular = {"polar": scoring.polar_maps(scores, workbench.btf.wo, workbench.btf.wi)}
-    parameter_count = resident = None  # an opaque material, such as another program, does not tell them
-    if not material.opaque:
-        parameter_count = parameters(material)
-        resident = resident_bytes(material)
     record: Job = {
         "shape": list(workbench.btf.shape),
         "pairs": {name: len(pairs) for name, pairs in workbench.groups.items()},
         "views": len(workbench.btf.without_low_light().layout.views),
         "provenance": cast(Provenance, workbench.btf.provenance),
-        "parameters": parameter_count,
-        "resident": resident,
-        "cost": cast(Cost, dataclasses.asdict(material.cost)),
+        **_costs(material),
         "metrics": {name: metric_facts(get_metric(name)) for name in workbench.scorer.names},
         "scores": read_scores(summary),
         "footprints": {"1": at_one_texel} | scoring.summarise_footprints(coarse),
@@ -144,10 +138,6 @@ def record_of_scores(
         "angular": keep(f"angular/{name}.json", angular),
         "pictures": keep(f"pictures/{name}.npz", pictures),
     }
-    # A program's own time is not known: what is measured includes the exchange of files, so it has fields of its own.
-    if isinstance(material, ProgramMaterial):
-        nanoseconds = 1e9 * material.waited / max(1, material.queries)
-        record["program"] = {"queries": material.queries, "ns_per_query": nanoseconds}
     if workbench.exposed.fault:
         record["black"] = workbench.exposed.black
     if between is not None:
@@ -156,6 +146,21 @@ def record_of_scores(
         record["scene"] = in_scene.quality
         record["frames"] = keep(f"frames/{name}.npz", in_scene.pictures)
     return record
+
+
+def _costs(material: Material) -> Job:
+    """What a material takes, as fields of a record; after it was asked, because a program's queries are counted."""
+    parameter_count = resident = None  # an opaque material, such as another program, does not tell them
+    if not material.opaque:
+        parameter_count = parameters(material)
+        resident = resident_bytes(material)
+    cost = cast(Cost, dataclasses.asdict(material.cost))
+    costs: Job = {"parameters": parameter_count, "resident": resident, "cost": cost}
+    # A program's own time is not known: what is measured includes the exchange of files, so it has fields of its own.
+    if isinstance(material, ProgramMaterial):
+        nanoseconds = 1e9 * material.waited / max(1, material.queries)
+        costs["program"] = {"queries": material.queries, "ns_per_query": nanoseconds}
+    return costs
 
 
 def _summary_of_groups(workbench: Workbench, scores: scoring.Scores) -> dict[str, Any]:
@@ -195,9 +200,13 @@ def _between_texels(workbench: Workbench, decoder: "Slices") -> Between | None:
         return None
     between = scoring.footprint_errors(truth, range(len(truth)), decoder.between, workbench.exposure, [1])
     centres = scoring.footprint_errors(workbench.btf, workbench.at_centres, decoder.boxes, workbench.exposure, [1])
-    # A slice without an error counts, too, so the means are numbers.
-    means = [cast(float, scoring.summarise_footprints(errors)["1"]["mean"]) for errors in (between, centres)]
-    return {"mean": means[0], "centres": means[1], "slices": len(truth)}
+    return {"mean": _mean_at_one_texel(between), "centres": _mean_at_one_texel(centres), "slices": len(truth)}
+
+
+def _mean_at_one_texel(errors: dict[int, np.ndarray]) -> float:
+    """The mean display PSNR in dB of slices, given their errors by footprint."""
+    mean = scoring.summarise_footprints(errors)["1"]["mean"]
+    return cast(float, mean)  # never None: a slice without an error counts, too
 
 
 def metric_facts(metric: Metric) -> MetricFacts:
@@ -257,7 +266,8 @@ class Slices:
         truth = cast(BTF, self.workbench.btf.between)
         height, width = truth.shape
         uv = texel_centres(height, width) + torch.tensor([0.5 / width, -0.5 / height])
-        wo, wi = (torch.tensor(side[number]).expand(len(uv), 3) for side in (truth.wo, truth.wi))
+        wo = torch.tensor(truth.wo[number]).expand(len(uv), 3)
+        wi = torch.tensor(truth.wi[number]).expand(len(uv), 3)
         answers = self.material.query(uv, wo, wi, 1 / max(height, width))
         return {1: answers.reshape(height, width, 3).numpy()}
 
@@ -313,8 +323,8 @@ def _pictures(workbench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
     `sheet` (n,) is a mask of those that a contact sheet holds, `pairs` (n,) are their pairs in the BTF, and `wo_deg`
     and `wi_deg` (n, 2) their directions as (θ, φ) in degrees.
     """
-    truth = np.stack([workbench.btf[i] for i in workbench.shown])
-    decoded = np.stack([decoder.slice(i) for i in workbench.shown])
+    truth = np.stack([workbench.btf[pair] for pair in workbench.shown])
+    decoded = np.stack([decoder.slice(pair) for pair in workbench.shown])
     pictures = {
         "truth": np.round(to_display(truth, workbench.exposure) * 255).astype(np.uint8),
         "decoded": np.round(to_display(decoded, workbench.exposure) * 255).astype(np.uint8),

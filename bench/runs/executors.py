@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from itertools import cycle, islice
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from bench.inputs.errors import InputError, installed
 from bench.machine.devices import is_gpu
@@ -137,6 +137,14 @@ class InProcess(Executor):
         return future
 
 
+class _Worker(NamedTuple):
+    """A worker process of this machine: its pool, of this process alone, and this side's ends of two pipes."""
+
+    pool: ProcessPoolExecutor
+    leash: Connection  # the process ends when this end is closed
+    told: Connection  # a copy of the end into which the process tells its progress; closed once it has its own
+
+
 class Processes(Executor):
     """Worker processes, each in its own pool: a process that dies loses only its own job, and is replaced.
 
@@ -150,9 +158,7 @@ class Processes(Executor):
         self.gpus = gpus
         self.limit = limit
         self.show: Show | None = None
-        # By seat, the place of a worker: its pool of one process, its leash, and the pipe that it tells progress into,
-        # which is closed here as soon as the process has its own copy.
-        self.pools: dict[int, tuple[ProcessPoolExecutor, Connection, Connection]] = {}
+        self.workers: dict[int, _Worker] = {}  # by seat, the place of a worker
         self.watchers = ThreadPoolExecutor(count)
         self.free: queue.SimpleQueue[int] = queue.SimpleQueue()  # seats without a job
         for seat in range(count):
@@ -170,25 +176,24 @@ class Processes(Executor):
         except BrokenProcessPool:  # its process died after its last job, as by the kernel that needed memory
             self._end(seat, wait=False)
             process, job = self._begin(seat, fn, *args, **kwargs)
-        _, _, told = self.pools[seat]
-        return self.watchers.submit(self._watch, seat, process, job, told)
+        return self.watchers.submit(self._watch, seat, process, job, self.workers[seat].told)
 
     def _begin(self, seat: int, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> tuple[Future[int], Future[T]]:
         """Give a job to the worker of a seat; returns what `_watch` waits for: `process` and `job`.
 
         Raises `BrokenProcessPool` if the worker's process has died.
         """
-        if seat not in self.pools:  # it had no job yet, or its process was ended
+        if seat not in self.workers:  # it had no job yet, or its process was ended
             self._start(seat)
-        pool, _, _ = self.pools[seat]
+        pool = self.workers[seat].pool
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
         with handling(signal.SIGINT, signal.SIG_IGN), _main_hidden():
             process = pool.submit(os.getpid)  # its answer says that the process has started
             return process, pool.submit(fn, *args, **kwargs)
 
     def _start(self, seat: int) -> None:
-        """Make the pool of a seat, whose one process starts with its first job, and a thread that shows what the
-        process tells of its progress."""
+        """Make the worker of a seat, whose process starts with its first job, and a thread that shows what the process
+        tells of its progress."""
         context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
         theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
         heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
@@ -196,7 +201,7 @@ class Processes(Executor):
         if self.gpus:
             gpu_variables = self.gpus[seat]
         pool = ProcessPoolExecutor(1, context, _prepare_worker, (self.threads, gpu_variables, theirs, told))
-        self.pools[seat] = (pool, leash, told)
+        self.workers[seat] = _Worker(pool, leash, told)
         show: Show = _show_nothing
         if self.show is not None:
             show = self.show
@@ -209,10 +214,10 @@ class Processes(Executor):
         of the pipe for progress. If the job raises an error, dies with its process or takes too long, its process is
         ended. Raises the job's error, `BrokenProcessPool` with how the process ended, or `OutOfTimeError`.
         """
-        worker = None
+        worker_process = None
         try:
             number = process.result()  # the time to start the process does not count
-            worker = self._worker(seat)
+            worker_process = self._process(seat)
             told.close()  # the process has its own copy: when it ends, nobody holds this end
             try:
                 return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
@@ -226,36 +231,36 @@ class Processes(Executor):
             raise BrokenProcessPool("the worker was ended") from error
         except BrokenProcessPool as error:
             self._end(seat, wait=False)
-            raise BrokenProcessPool(_ending_in_words(worker)) from error
+            raise BrokenProcessPool(_ending_in_words(worker_process)) from error
         except BaseException:
             self._end(seat, wait=False)
             raise
         finally:
             self.free.put(seat)
 
-    def _worker(self, seat: int) -> BaseProcess | None:
-        """The one process of a seat's pool; None if it has none. It is asked for while it lives, because a pool forgets
-        a process that died, and with it how it died."""
-        if seat not in self.pools:
+    def _process(self, seat: int) -> BaseProcess | None:
+        """The process of a seat's worker; None if it has none. It is asked for while it lives, because a pool forgets a
+        process that died, and with it how it died."""
+        if seat not in self.workers:
             return None
-        pool, _, _ = self.pools[seat]
-        workers = getattr(pool, "_processes", None)  # by number; the pool has no public list of them
-        if not workers:
+        pool = self.workers[seat].pool
+        started = getattr(pool, "_processes", None)  # processes by number; the pool has no public list of them
+        if not started:
             return None
-        return next(iter(workers.values()), None)  # the process may end at this moment, and leave the dictionary empty
+        return next(iter(started.values()), None)  # it may end at this moment, and leave the dictionary empty
 
     def _end(self, seat: int, wait: bool) -> None:
-        """End the worker of a seat, if it has one; its process ends when its pipe, the leash, is closed."""
-        if seat not in self.pools:
+        """End the worker of a seat, if it has one."""
+        if seat not in self.workers:
             return
-        pool, leash, told = self.pools.pop(seat)
-        leash.close()
-        told.close()
-        pool.shutdown(wait, cancel_futures=True)
+        worker = self.workers.pop(seat)
+        worker.leash.close()
+        worker.told.close()
+        worker.pool.shutdown(wait, cancel_futures=True)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End every worker, even one that runs a job."""
-        for seat in list(self.pools):
+        for seat in list(self.workers):
             self._end(seat, wait)
         self.watchers.shutdown(wait)
 

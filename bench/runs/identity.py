@@ -11,6 +11,7 @@ import uuid
 from collections.abc import Collection, Iterator
 from functools import cache
 from importlib.metadata import packages_distributions, version
+from importlib.util import resolve_name
 from pathlib import Path
 
 from bench.codec import Codec
@@ -110,10 +111,10 @@ def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
             for alias in node.names:
                 yield alias.name
         elif isinstance(node, ast.ImportFrom):
-            names = package.split(".")
-            # One dot is the package itself.
-            parts = names[: len(names) - node.level + 1] if node.level else []
-            base = ".".join([*parts, node.module] if node.module else parts)
+            try:
+                base = resolve_name("." * node.level + (node.module or ""), package)
+            except ImportError:  # it leads out of the top-level package
+                continue
             yield base
             for alias in node.names:  # a module of that name in the package or, often, a function
                 yield f"{base}.{alias.name}"

@@ -15,6 +15,7 @@ import logging
 import platform
 import re
 import traceback
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -193,14 +194,11 @@ class Attempt:
     def _failed(self, error: BaseException) -> Outcome:
         """The record of a job that an error ended."""
         more: Job = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
-        try:
+        more["fit_key"] = {}  # never matches, so that the next run tries again
+        with suppress(InputError):  # a codec that cannot be made has no key
             self.checkpoint.unlink(missing_ok=True)  # before the next try, the code that wrote it may be fixed
-            more["fit_key"] = self.fit_key
-        except InputError:  # a codec that cannot be made has no key
-            more["fit_key"] = {}
-        # The key does not cover metrics, which may be mended.
-        if isinstance(error, PluginError):
-            more["fit_key"] = {}  # never matches, so that the next run tries again
+            if not isinstance(error, PluginError):  # the key does not cover metrics, which may be mended
+                more["fit_key"] = self.fit_key
         if isinstance(error, CodecError | PluginError):  # its message names the codec or the plug-in already
             text = str(error)
         else:

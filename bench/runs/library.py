@@ -94,14 +94,20 @@ def encode(
         raise InputError("encode: a demand is for a fit to its scene: give scene=True, too, or leave out demand")
     encode_parts = fitting.encode_of(instance, scene_demand)  # fits to the scene where there is one
     network = shared.find_for(instance)
-    train = btf.subset(btf.split().train)
-    refuse_extremes(train)
-    warning = negative(np.stack(list(some_slices(train))))  # on negative radiance, in words; "" if there is none
-    if warning:
-        log.warning("%s: %s", btf.name, warning)
+    train = _checked_training(btf)
     container.refuse_other_file(Path(out))
     fit = new_fit(instance, train, seed, network, device=device, threads=threads, show=show)
     return fit_to_file(instance, train, fit, Path(out), naming_faults(instance, encode_parts)).header
+
+
+def _checked_training(btf: BTF) -> BTF:
+    """The training pairs of a BTF; warns of negative radiance. `InputError` if their values are too extreme."""
+    train = btf.subset(btf.split().train)
+    refuse_extremes(train)
+    warning = negative(np.stack(list(some_slices(train))))  # in words; "" if there is none
+    if warning:
+        log.warning("%s: %s", btf.name, warning)
+    return train
 
 
 def run(
@@ -122,8 +128,11 @@ def run(
     material or the folder cannot be used.
     """
     require_present(device, "device")
-    chosen = parse_suite("script", _as_toml(suite)) if isinstance(suite, Mapping) else load_suite(str(suite))
-    chosen = with_changes(chosen, list(materials), list(codecs), changes={})
+    if isinstance(suite, Mapping):
+        given = parse_suite("script", _as_toml(suite))
+    else:
+        given = load_suite(str(suite))
+    chosen = with_changes(given, list(materials), list(codecs), changes={})
     require_materials(chosen, "materials")
     workers = None if jobs == 1 else partial(executors.processes, jobs, chosen.threads, device)
     for _ in runner.run(chosen, runner.Options(Path(out), device, show=show, workers=workers)):
@@ -139,7 +148,8 @@ def _as_toml(suite: Mapping[str, Any]) -> str:
 def _toml_value(value: Any) -> str:
     """A value as TOML writes it; a dictionary is an inline table."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml_value(each)}" for key, each in value.items()) + "}"
+        entries = [f"{json.dumps(key)} = {_toml_value(each)}" for key, each in value.items()]
+        return f"{{{', '.join(entries)}}}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml_value, value))}]"
     if isinstance(value, os.PathLike):

@@ -81,20 +81,10 @@ def _acquire(folder: Path, run: str) -> int:
     while True:  # again if the holder removed the file meanwhile
         file = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)  # readable for all: it names the holder to others
         try:
-            kept_by_kernel = True
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:  # another process holds it
-                raise
-            except OSError:  # the file system cannot lock: what the file says must do
-                kept_by_kernel = False
+            kept_by_kernel = _lock_by_kernel(file)
             if is_still(file, folder / FILE):  # the open file is the one of that name, not one that was removed
                 _refuse_if_alive(folder, kept_by_kernel)
-                since = f"{datetime.now(UTC):%F %T} UTC"
-                holder = {"process": os.getpid(), "host": platform.node(), "since": since, "run": run}
-                os.truncate(file, 0)
-                os.pwrite(file, json.dumps(holder).encode(), 0)
-                os.fsync(file)
+                _sign(file, run)
                 return file
         except BlockingIOError:
             os.close(file)
@@ -103,6 +93,29 @@ def _acquire(folder: Path, run: str) -> int:
             os.close(file)
             raise
         os.close(file)  # its holder removed it after we opened it and before we locked it
+
+
+def _lock_by_kernel(file: int) -> bool:
+    """Lock an open file; False if its file system cannot: what the file says must do then.
+
+    `BlockingIOError` if another process holds it.
+    """
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        return False
+    return True
+
+
+def _sign(file: int, run: str) -> None:
+    """Write into the lock's open file that this process holds it, for a run."""
+    since = f"{datetime.now(UTC):%F %T} UTC"
+    holder = {"process": os.getpid(), "host": platform.node(), "since": since, "run": run}
+    os.truncate(file, 0)
+    os.pwrite(file, json.dumps(holder).encode(), 0)
+    os.fsync(file)
 
 
 def _refuse_if_alive(folder: Path, kept_by_kernel: bool) -> None:

@@ -26,6 +26,7 @@ from bench.files import atomic
 from bench.inputs.errors import CodecError, InputError, MissingDataError
 from bench.machine.devices import present
 from bench.machine.threads import cores
+from bench.material import Material
 from bench.records import Job, Timing
 from bench.runs import lock
 from bench.runs.estimate import Effort, Estimate
@@ -38,7 +39,7 @@ from bench.runs.workbench import demand_of
 
 log = logging.getLogger(__name__)
 
-ONE_TEXEL = " at one texel"  # suffix of a job's name: a second contestant in the timing of this job
+ONE_TEXEL = " at one texel"  # suffix of the name of a material that answers by one texel: see `with_one_texel`
 MOST_LOSSES = 3  # worker processes that a job may lose
 
 
@@ -68,7 +69,8 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         require_demand(codec, suite.demand)
     run_id = new_run()
     if suite.demand:
-        demand_of(run_id, str(Path(suite.demand).absolute()))  # a bad demand file stops here
+        suite = dataclasses.replace(suite, demand=str(Path(suite.demand).absolute()))
+        demand_of(run_id, suite.demand)  # a bad demand file stops here
     with lock.locked(options.folder, run_id):
         _tidy(options.folder)
         networks = _write_networks(codecs, options.folder)
@@ -159,24 +161,18 @@ class _Session:
         """The task of one cell of the suite, with absolute paths: a worker may have another working directory."""
         suite = self.suite
         options = self.options
-        place = Path(material.path)
-        if material.path and place.exists():  # other paths lie under `NEUBTF_DATA`, and built-in materials have none
-            material = dataclasses.replace(material, path=str(place.absolute()))
-        demand = ""
-        if suite.demand:
-            demand = str(Path(suite.demand).absolute())
         scorers: int | None = suite.threads
         if self.workers.at_once == 1:  # the only job may score on all cores
             scorers = None
         task = Task(
             run=self.run_id,
             folder=options.folder.absolute(),
-            material=material,
+            material=_with_absolute_path(material),
             data=suite.data,
             codec=codec,
             repetition=repetition,
             threads=suite.threads,
-            demand=demand,
+            demand=suite.demand,
             uniform=suite.uniform,
             metrics=suite.metrics,
             device=options.device,
@@ -205,7 +201,7 @@ class _Session:
 
     def jobs(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """Run the jobs; records and yields the outcome of each as it ends. `faults`: see `_make_codecs`."""
-        recorded_jobs = [task.name for task in self.tasks if task.earlier]  # their files exist, so they may still hold
+        recorded_jobs = [task.name for task in self.tasks if task.earlier]  # whose records may still hold
         efforts = {task.name: Effort.of(task.codec) for task in self.tasks}
         estimate = Estimate(efforts, recorded_jobs, min(self.workers.at_once, cores()))
         self.options.say(estimate.first_message)
@@ -269,6 +265,14 @@ class _Session:
         self.options.show(f"{material}: {label}", done, total)
 
 
+def _with_absolute_path(material: MaterialSpec) -> MaterialSpec:
+    """A material with an absolute path, if it has one that exists as written; others lie under `NEUBTF_DATA`."""
+    place = Path(material.path)
+    if not material.path or not place.exists():  # a built-in material has no path
+        return material
+    return dataclasses.replace(material, path=str(place.absolute()))
+
+
 def _with_restarts(tasks: list[Task], workers: Workers, call: Callable[[Task], Outcome]) -> Iterator[Outcome]:
     """The outcome of each task as it ends: what `call` answers for it in a worker.
 
@@ -319,14 +323,24 @@ def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Prog
     this process.
     """
     ours = [job for job in jobs if not from_outside(job["codec"])]  # of codecs of this suite
-    if len(ours) < len(jobs):
+    others = [job["job"] for job in jobs if from_outside(job["codec"])]
+    if others:
         with processes(count=1, threads=threads) as workers:
             try:
                 return workers.executor.submit(timings_here, folder, jobs, device, threads).result()
             except BrokenExecutor:
-                others = ", ".join(job["job"] for job in jobs if job not in ours)
-                log.warning("not timed, because one of them ended the timing process: %s", others)
+                log.warning("not timed, because one of them ended the timing process: %s", ", ".join(others))
     return timings_here(folder, ours, device, threads, show)
+
+
+def with_one_texel(materials: dict[str, Material]) -> dict[str, Material]:
+    """Materials by name, then the same ones that can answer a query by one texel, by their names with `ONE_TEXEL`."""
+    contestants = dict(materials)
+    for name, material in materials.items():
+        at_one_texel = material.at_one_texel()
+        if at_one_texel is not None:
+            contestants[name + ONE_TEXEL] = at_one_texel
+    return contestants
 
 
 def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
@@ -342,12 +356,7 @@ def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show:
             materials[job["job"]] = material
     if not materials:
         return []
-    one_texel_materials = {}  # the same decoders, where they can answer a query by one texel
-    for name, material in materials.items():
-        at_one_texel = material.at_one_texel()
-        if at_one_texel is not None:
-            one_texel_materials[name + ONE_TEXEL] = at_one_texel
-    timing_of = timing.time_materials(materials | one_texel_materials, threads, show=show)
+    timing_of = timing.time_materials(with_one_texel(materials), threads, show=show)
     timed = []
     for name in materials:
         record: Timing = {"kind": "timing", "job": name}

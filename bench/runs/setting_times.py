@@ -30,6 +30,7 @@ from bench.material import Material
 from bench.records.schema import setting_name
 from bench.runs import library, lock
 from bench.runs.provenance import new_run, start_of
+from bench.runs.runner import ONE_TEXEL, with_one_texel
 from bench.runs.suite import CodecSpec, Suite, canonical
 
 log = logging.getLogger(__name__)
@@ -157,18 +158,14 @@ def one_step_codec(spec: CodecSpec) -> Codec:
 
 def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], threads: int, show: Progress) -> None:
     """Time all contestants in turns, and add what was measured to their entries, which are by label and operations."""
-    timed: dict[str, Material] = {}
-    for (surface, label), material in materials.items():
-        timed[f"{surface}/{label}"] = material
-        one_texel_material = material.at_one_texel()  # None unless the codec answers at texels
-        if one_texel_material is not None:
-            timed[f"{surface}/{label} at one texel"] = one_texel_material
-    timing_of = timing.time_materials(timed, threads, show=show, turns=TURNS)
+    named = {f"{surface}/{label}": material for (surface, label), material in materials.items()}
+    timing_of = timing.time_materials(with_one_texel(named), threads, show=show, turns=TURNS)
     for (surface, label), material in materials.items():
         flops = material.cost.flops_per_sample
         entry = entries.setdefault((label, flops), Entry(label, flops))
-        anywhere = timing_of[f"{surface}/{label}"]
-        at_one_texel = timing_of.get(f"{surface}/{label} at one texel")
+        name = f"{surface}/{label}"
+        anywhere = timing_of[name]
+        at_one_texel = timing_of.get(name + ONE_TEXEL)  # None unless the codec answers at texels
         if at_one_texel is None:
             where_scored = anywhere
         else:

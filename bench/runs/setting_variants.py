@@ -1,10 +1,10 @@
 """Times each setting of a suite in every execution, precision and batch, and the steps of fits: for a GPU above all.
 
 A setting is a codec with the values of its settings, such as `pca components=4`. A variant is an execution (eager,
-compiled or fused) with a precision: it answers the same queries from the same file. It is sized for a GPU that is at
-hand for minutes: it ends by itself, writes after each setting, and goes on where an earlier process stopped. First
-comes one setting of each codec, the last that the suite lists, then the steps of fits, batches of other sizes, and all
-other settings. Before a variant is timed, its answers are compared with float64's.
+compiled, network or fused) with a precision: it answers the same queries from the same file. All this is for a GPU that
+is at hand for minutes: it ends by itself, writes after each setting, and goes on where an earlier process stopped.
+First comes one setting of each codec, the last that the suite lists, then the steps of fits, batches of other sizes,
+and all other settings. Before a variant is timed, its answers are compared with float64's.
 """
 
 import copy
@@ -54,18 +54,24 @@ SWEPT = 6  # settings that are timed in each of `BATCHES`, one a codec
 TRIED = "tried.txt"
 GIVEN_UP = "given-up.txt"
 FIT_STEPS = 100  # that are timed of a fit, beyond its first
-PRECISIONS = {"eager": tuple(DTYPES), "compiled": ("float32", "float16"), "network": tuple(DTYPES)}
-PRECISIONS["fused"] = ("float32",)
+PRECISIONS: dict[str, tuple[str, ...]] = {  # by execution
+    "eager": tuple(DTYPES),
+    "compiled": ("float32", "float16"),
+    "network": tuple(DTYPES),
+    "fused": ("float32",),
+}
 
 
 class Clock:
     """The time that is left of so many minutes."""
 
     def __init__(self, minutes: float):
+        """The minutes begin now."""
         self.end = time.monotonic() + 60 * minutes
 
     @property
     def over(self) -> bool:
+        """Whether no time is left."""
         return time.monotonic() >= self.end
 
 
@@ -157,15 +163,23 @@ class _Measuring:
         materials = {name: compared.ready for name, compared in timed.items()}
         measured = timing.time_materials(materials, self.suite.threads, batch, turns=TURNS)
         rows = []
-        for name, (variant, ready, of_tolerance) in timed.items():
+        for name, compared in timed.items():
             row: Timing = {"kind": "timing", "job": name, "label": label, "flops": material.cost.flops_per_sample}
             row |= timing.conditions(self.suite.threads, str(self.device))
-            row |= {"batch": batch, "execution": variant.execution, "dtype": variant.precision}
-            row |= {"of_tolerance": of_tolerance, "limit_ns": least_ns(ready, variant.precision, self.ceilings)}
-            row |= measured[name].summary()
-            row |= _drawn_from_gpu(ready, queries, variant.precision)
+            row |= {"batch": batch, **self.of_variant(compared), **measured[name].summary()}
+            row |= _drawn_from_gpu(compared.ready, queries, compared.variant.precision)
             rows.append(row)
         self.record(rows)
+
+    def of_variant(self, compared: "_Compared") -> Timing:
+        """The fields of a timing that depend on its variant, and on nothing that is timed."""
+        precision = compared.variant.precision
+        return {
+            "execution": compared.variant.execution,
+            "dtype": precision,
+            "of_tolerance": compared.of_tolerance,
+            "limit_ns": least_ns(compared.ready, precision, self.ceilings),
+        }
 
     def compared(
         self, label: str, material: Material, missing: dict[str, Variant], queries: tuple[Tensor, ...]
@@ -308,20 +322,11 @@ def ceiling(device: torch.device, threads: int, precision: str) -> Ceiling:
 
 def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progress) -> Iterator[Timing]:
     """The seconds of a step of each codec that is fitted in steps, of its largest setting, while there is time."""
-    # A later setting takes the place of an earlier one of its codec: suites list the largest last.
-    specs = {}
-    for spec in suite.codecs:
-        try:
-            codec = make_codec(spec.codec, spec.settings)
-        except InputError as error:
-            log.warning("%s: its fit is not timed: %s", spec.label, error)
-            continue
-        if "steps" in settings_dict(codec):
-            specs[spec.codec] = spec
+    specs = _largest_in_steps(suite)
     surface = surfaces_of(suite)[0]
     btf = open_material(surface, suite.data, show, path_tracer=load_path_tracer)
     train = btf.subset(btf.split().train)
-    for spec in followed(show, specs.values(), "timing steps of fits", len(specs)):
+    for spec in followed(show, specs, "timing steps of fits", len(specs)):
         name = f"fit/{spec.label}/{device}"
         if clock.over:
             return
@@ -336,6 +341,23 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
         # The difference leaves out what a fit takes besides its steps; noise must not make it negative.
         step_ns = max(1.0, 1e9 * (many_steps - one_step) / FIT_STEPS)
         yield _timing_of_step(name, spec.label, step_ns, suite.threads, device)
+
+
+def _largest_in_steps(suite: Suite) -> list[CodecSpec]:
+    """The last entry of each codec that is fitted in steps: suites list the largest setting last.
+
+    What cannot be made here is left out, with a warning.
+    """
+    last_of_each: dict[str, CodecSpec] = {}  # by codec
+    for spec in suite.codecs:
+        try:
+            codec = make_codec(spec.codec, spec.settings)
+        except InputError as error:
+            log.warning("%s: its fit is not timed: %s", spec.label, error)
+            continue
+        if "steps" in settings_dict(codec):
+            last_of_each[spec.codec] = spec
+    return list(last_of_each.values())
 
 
 def _timing_of_step(name: str, label: str, step_ns: float, threads: int, device: str) -> Timing:

@@ -15,6 +15,8 @@
 
 A table `[[codecs]]` gives a `CodecSpec` for each combination of its lists. docs/suites.md describes every key. The path
 of a material is tried as written, then under `$NEUBTF_DATA`; that of a demand only as written.
+
+Functions that ask codecs import `bench.codec`, and so PyTorch, themselves: what only reads a suite starts without it.
 """
 
 import dataclasses
@@ -29,7 +31,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.codecs.registry import COMMAND, load_codec, make_codec
+from bench.codecs.registry import COMMAND, UNLABELLED, load_codec, make_codec
 from bench.data.kinds import kind_of
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
@@ -71,9 +73,9 @@ class CodecSpec:
 
 def _label(codec: str, settings: dict[str, Any]) -> str:
     """The name of a codec with settings, sorted by name: `pca bits=8 components=4`."""
-    if codec == COMMAND:  # its settings are command lines of the user's programs, which are not a useful name
+    if codec == COMMAND:  # the user names it: command lines are no useful name
         codec = settings.get("called", codec)
-        settings = {key: value for key, value in settings.items() if key not in ("called", "encode", "decode")}
+        settings = {key: value for key, value in settings.items() if key not in UNLABELLED}
     words = [codec]
     for key in sorted(settings):
         value = settings[key]
@@ -194,26 +196,28 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         codecs=tuple(_codec_specs(f"{file}: codecs", codecs)),
         **fields(file, Suite, entries, without=("name", "text")),
     )
-    labels = [spec.label for spec in suite.codecs]
-    names = [spec.name for spec in suite.materials]
-    of_kinds = (
-        ("codecs", labels, "leave one out"),
-        ("materials", names, "give one of them another name, as {name = …, path = …}"),
-        ("seeds", suite.seeds, "leave one out"),
-    )
-    for key, names_of_a_kind, remedy in of_kinds:
-        twice = _first_repeated(map(str, names_of_a_kind))
-        if twice:
-            raise InputError(f"{file}: {key}: {twice!r} appears twice: {remedy}")
+    _check_names(file, suite)
+    _check_jobs(file, _count_jobs(suite))
+    return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
+
+
+def _check_names(file: str, suite: Suite) -> None:
+    """Raise `InputError`, which names the file, for what a suite lists twice, and for a material that it lacks."""
+    materials = [spec.name for spec in suite.materials]
+    _refuse_repeated(f"{file}: codecs", [spec.label for spec in suite.codecs])
+    _refuse_repeated(f"{file}: materials", materials, "give one of them another name, as {name = …, path = …}")
+    _refuse_repeated(f"{file}: seeds", map(str, suite.seeds))
     for spec in suite.codecs:
-        foreign = set(spec.materials) - set(names)
+        foreign = set(spec.materials) - set(materials)
         if foreign:
             raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
-    jobs = 0  # counted without making `suite.cells`, which may be billions
-    for spec in suite.codecs:
-        jobs += len(set(spec.materials) or names) * len(spec.seeds or suite.seeds)
-    _check_jobs(file, jobs)
-    return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
+
+
+def _refuse_repeated(key: str, names: Iterable[str], remedy: str = "leave one out") -> None:
+    """Raise `InputError`, which begins with `key`, if a name is given more than once."""
+    twice = _first_repeated(names)
+    if twice:
+        raise InputError(f"{key}: {twice!r} appears twice: {remedy}")
 
 
 def _first_repeated(names: Iterable[str]) -> str:
@@ -222,6 +226,16 @@ def _first_repeated(names: Iterable[str]) -> str:
         if count > 1:
             return name
     return ""
+
+
+def _count_jobs(suite: Suite) -> int:
+    """The number of a suite's jobs, without making `suite.cells`: a short file may ask for billions."""
+    jobs = 0
+    for spec in suite.codecs:
+        materials = set(spec.materials) or suite.materials
+        seeds = spec.seeds or suite.seeds
+        jobs += len(materials) * len(seeds)
+    return jobs
 
 
 def _check_jobs(file: str, jobs: int) -> None:
@@ -254,22 +268,37 @@ def with_changes(
     has it. With `seeds`, these are the only ones.
     """
     if materials:
-        spec_of_name = {spec.name: spec for spec in suite.materials}
-        chosen_materials = []
-        for name in materials:
-            spec = named(name)  # a built-in material, or a path
-            chosen_materials.append(spec_of_name.get(name, spec))
-        on_all_materials = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
-        suite = dataclasses.replace(suite, materials=with_distinct_names(chosen_materials), codecs=on_all_materials)
+        suite = _with_materials(suite, materials)
     if codecs:
-        chosen_codecs: list[CodecSpec] = []
-        for codec in codecs:
-            of_suite = [spec for spec in suite.codecs if spec.codec == codec]
-            if of_suite:
-                chosen_codecs += of_suite
-            else:
-                chosen_codecs.append(CodecSpec(codec))
-        suite = dataclasses.replace(suite, codecs=tuple(chosen_codecs))
+        suite = _with_codecs(suite, codecs)
+    suite = _with_settings(suite, changes)
+    if seeds:
+        suite = _with_seeds(suite, seeds)
+    return suite
+
+
+def _with_materials(suite: Suite, names: list[str]) -> Suite:
+    """The suite on these materials alone, each a name of the suite's, a built-in one, or a path."""
+    spec_of_name = {spec.name: spec for spec in suite.materials}
+    chosen = []
+    for name in names:
+        spec = named(name)  # a built-in material, or a path
+        chosen.append(spec_of_name.get(name, spec))
+    on_all_materials = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
+    return dataclasses.replace(suite, materials=with_distinct_names(chosen), codecs=on_all_materials)
+
+
+def _with_codecs(suite: Suite, names: list[str]) -> Suite:
+    """The suite with all its entries of these codecs alone; a codec that it does not have has its default settings."""
+    chosen: list[CodecSpec] = []
+    for name in names:
+        of_suite = [spec for spec in suite.codecs if spec.codec == name]
+        chosen += of_suite or [CodecSpec(name)]
+    return dataclasses.replace(suite, codecs=tuple(chosen))
+
+
+def _with_settings(suite: Suite, changes: dict[str, str]) -> Suite:
+    """The suite with settings of its data and its codecs changed; see `with_changes`."""
     # Settings of the data are changed together, because not every one goes with the suite's others.
     of_data = {key: value for key, value in changes.items() if key.startswith("data.")}
     suite = dataclasses.replace(suite, data=changed(suite.data, of_data))
@@ -278,13 +307,16 @@ def with_changes(
             _refuse_ignored(suite, key)
         else:
             suite = _with_change(suite, key, value)
-    if seeds:
-        twice = _first_repeated(map(str, seeds))
-        if twice:
-            raise InputError(f"--seed {twice}: it is given twice: leave one out")
-        without_own = tuple(dataclasses.replace(spec, seeds=()) for spec in suite.codecs)
-        suite = dataclasses.replace(suite, seeds=tuple(seeds), codecs=without_own)
     return suite
+
+
+def _with_seeds(suite: Suite, seeds: Sequence[int]) -> Suite:
+    """The suite with these seeds for every codec."""
+    twice = _first_repeated(map(str, seeds))
+    if twice:
+        raise InputError(f"--seed {twice}: it is given twice: leave one out")
+    without_own = tuple(dataclasses.replace(spec, seeds=()) for spec in suite.codecs)
+    return dataclasses.replace(suite, seeds=tuple(seeds), codecs=without_own)
 
 
 def require_materials(suite: Suite, key: str) -> None:
@@ -491,20 +523,21 @@ def _codec_specs(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         codec = converted(f"{where}.codec", str, settings.pop("codec", None))
         materials = converted(f"{where}.materials", Words, settings.pop("materials", []))
         seeds = converted(f"{where}.seeds", Seeds, settings.pop("seeds", []))
-        twice = _first_repeated(map(str, seeds))
-        if twice:
-            raise InputError(f"{where}.seeds: {twice!r} appears twice: leave one out")
-        # Settings with a list of values are swept. A single value becomes a list of one, for `itertools.product`.
-        swept = {key: value for key, value in settings.items() if isinstance(value, list)}
-        lists = [swept.get(key, [value]) for key, value in settings.items()]
-        for key, values in zip(settings, lists, strict=True):
-            if not values:
-                raise InputError(f"{where}.{key} is an empty list: give at least one value, or leave it out")
-            for value in values:
-                # Only checked here: a text, true or false, or else a number. The codec checks more.
-                value_type = type(value) if isinstance(value, str | bool) else float
-                converted(f"{where}.{key}", value_type, value)
-        jobs += math.prod(map(len, lists))
+        _refuse_repeated(f"{where}.seeds", map(str, seeds))
+        swept = tuple(key for key, value in settings.items() if isinstance(value, list))
+        values_of_key = {key: value if key in swept else [value] for key, value in settings.items()}
+        for key, values in values_of_key.items():
+            _check_values(f"{where}.{key}", values)
+        jobs += math.prod(map(len, values_of_key.values()))
         _check_jobs(where, jobs)  # before they are made: a short file may ask for billions
-        for combination in itertools.product(*lists):
-            yield CodecSpec(codec, dict(zip(settings, combination, strict=True)), tuple(swept), materials, seeds)
+        for combination in itertools.product(*values_of_key.values()):
+            yield CodecSpec(codec, dict(zip(settings, combination, strict=True)), swept, materials, seeds)
+
+
+def _check_values(key: str, values: list[Any]) -> None:
+    """Raise `InputError` unless a setting has values: texts, true or false, or numbers. The codec checks more."""
+    if not values:
+        raise InputError(f"{key} is an empty list: give at least one value, or leave it out")
+    for value in values:
+        value_type = type(value) if isinstance(value, str | bool) else float
+        converted(key, value_type, value)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -105,12 +105,13 @@ def measure(
     measured_variants, left_out = _variants_on(suite, torch.device(device), emulated)
     trade = _Trade(replace(suite, variants=tuple(measured_variants)), run, device, left_out, show)
     for spec in suite.materials:
-        jobs = _jobs_of(run, suite, spec)
-        with_file = [job for job in jobs if job["status"] == "ok"]
-        for job in jobs:
-            if job not in with_file:
+        with_file = []
+        for job in _jobs_of(run, suite, spec):
+            if job["status"] == "ok":
+                with_file.append(job)
+            else:
                 row = trade.row(job, Variant())
-                row["error"] = f"{job['status']}: {' '.join(job['error'].split())}"
+                row["error"] = f"{job['status']}: {_on_one_line(job['error'])}"
                 trade.write(row)
         _measure_choices(trade, spec, with_file)
         if noise:
@@ -155,15 +156,19 @@ class _Trade:
     def known(self, row: Timing) -> Timing:
         """What was measured of a choice before, of the same file and under the same conditions; else the row itself."""
         before = self.run.timings.latest(row["job"])
+        if before is None or "error" in before:
+            return row
         same = ("score_key", "gpu", *CONDITIONS)
-        if before is None or "error" in before or any(before.get(name) != row.get(name) for name in same):
+        if any(before.get(name) != row.get(name) for name in same):
             return row
         return before
 
     def write(self, row: Timing) -> None:
         """Add a timing to the run and its records."""
-        starts = self.run.starts
-        of_run: Timing = {**row, "run": starts[-1].get("run", "") if starts else ""}
+        run = ""
+        if self.run.starts:
+            run = self.run.starts[-1].get("run", "")
+        of_run: Timing = {**row, "run": run}
         records.append(self.run.folder, of_run)
         self.run.timings.put(row["job"], of_run)
 
@@ -222,7 +227,40 @@ def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None
     First each file is scored in each variant; then all that could be are timed together. The floor, one bilinear fetch
     of a colour, has a timing, too.
     """
-    missing: list[tuple[Job, Variant, Material]] = []
+    suite = trade.suite
+    timed: dict[str, Material] = {}  # by name of the choice
+    for choice in _untimed(trade, jobs):
+        opening = Opening("trade", spec, suite.data, choice.job["seed"], suite.metrics)
+        with open_workbench(opening, trade.show) as workbench:  # which stays open for jobs of the same seed
+            row = trade.known(trade.row(choice.job, choice.variant))
+            try:
+                ready = choice.plain
+                if not ready.opaque:  # else another program answers, whose process cannot be copied
+                    ready = prepared(ready, choice.variant)
+                if "psnr" not in row:
+                    row |= _figures_of(trade, workbench, choice, ready)
+                if ready.opaque:  # its time would be that of exchanging files
+                    row["error"] = "its time cannot be measured"
+                else:
+                    timed[row["job"]] = ready
+            except Exception as error:  # an error in one variant must not lose the figures of the others
+                row["error"] = _error_in_words(error)
+            trade.write(row)
+    if timed:
+        _time_choices(trade, spec, timed)
+
+
+class _Choice(NamedTuple):
+    """A job's file in a variant; `plain` is the decoded file in eager float32."""
+
+    job: Job
+    variant: Variant
+    plain: Material
+
+
+def _untimed(trade: _Trade, jobs: list[Job]) -> list[_Choice]:
+    """The choices of some jobs' files that were not timed yet."""
+    untimed = []
     for job in jobs:
         material = material_of_job(trade.run.folder, job, trade.device)
         variants = [Variant()]
@@ -230,47 +268,32 @@ def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None
             variants += _variants(trade.suite, job, material)
         for variant in variants:
             if "ns_per_sample" not in trade.known(trade.row(job, variant)):
-                missing.append((job, variant, material))
-    if not missing:
-        return
-    timed: dict[str, Material] = {}  # by name of the choice
-    suite = trade.suite
-    for job, variant, material in missing:
-        opening = Opening("trade", spec, suite.data, job["seed"], suite.metrics)
-        with open_workbench(opening, trade.show) as workbench:  # which stays open for jobs of the same seed
-            row = trade.known(trade.row(job, variant))
-            try:
-                ready = prepared(material, variant)  # the material in that execution and precision
-                if "psnr" not in row:
-                    row |= _figures_of(trade, workbench, job, variant, ready, material)
-                if material.opaque:  # another program answers: its time would be that of exchanging files
-                    row["error"] = "its time cannot be measured"
-                else:
-                    timed[row["job"]] = ready
-            except Exception as error:  # an error in one variant must not lose the figures of the others
-                row["error"] = _on_one_line(error)
-            trade.write(row)
-    if timed:
-        _time_choices(trade, spec, timed)
+                untimed.append(_Choice(job, variant, material))
+    return untimed
 
 
-def _figures_of(
-    trade: _Trade, workbench: Workbench, job: Job, variant: Variant, ready: Material, plain: Material
-) -> Timing:
-    """The figures of a file in a variant: in eager float32 the run has scored it, in others it is scored now, and its
-    answers are compared with those of eager float32, `plain`."""
-    if variant == Variant():
-        return _figures_of_run(trade.run, job)
+def _figures_of(trade: _Trade, workbench: Workbench, choice: _Choice, ready: Material) -> Timing:
+    """The figures of a choice, whose material in the execution and precision of its variant is `ready`.
+
+    In eager float32 the run has scored the file. In others it is scored now, and its answers are compared with those.
+    """
+    if choice.variant == Variant():
+        return _figures_of_run(trade.run, choice.job)
     scores = _score(workbench, ready, trade.suite.threads, trade.show)
-    return scores | _deviation(workbench, ready, plain, trade.show)
+    return scores | _deviation(workbench, ready, choice.plain, trade.show)
 
 
-def _on_one_line(error: Exception) -> str:
-    """An error in words, on one line; of an unexpected one also its class."""
-    words = " ".join(str(error).split())
+def _error_in_words(error: Exception) -> str:
+    """An error on one line; of an unexpected one also its class."""
+    words = _on_one_line(str(error))
     if isinstance(error, InputError):
         return words
     return f"{type(error).__name__}: {words}"
+
+
+def _on_one_line(text: str) -> str:
+    """A text with a blank for each line break and other white space."""
+    return " ".join(text.split())
 
 
 def _figures_of_run(run: Run, job: Job) -> Timing:
@@ -411,7 +434,7 @@ def _add_noise(trade: _Trade, job: Job) -> None:
         lobes = fitted(load(file).material, show=trade.show)
         noises = path_tracer.reached(file, [None, lobes])  # sampling by the cosine, and by the fitted lobes
     except (InputError, RuntimeError) as error:  # the second is Mitsuba's; keep the figures of other files
-        row["noise_error"] = " ".join(str(error).split())
+        row["noise_error"] = _on_one_line(str(error))
     else:
         row.pop("noise_error", None)
         row["noise"] = {

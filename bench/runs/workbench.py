@@ -129,16 +129,16 @@ class Workbench:
         if self.btf.between is None:
             return np.empty(0, int)
         heldout = self.groups["heldout"]
-        ours, theirs = (np.concatenate([btf.wo, btf.wi], 1) for btf in (self.btf.subset(heldout), self.btf.between))
-        return heldout[(ours @ theirs.T).argmax(0)]  # of unit vectors, the sum of both cosines is largest where equal
+        pairs_there = _as_points(self.btf.wo[heldout], self.btf.wi[heldout])
+        pairs_between = _as_points(self.btf.between.wo, self.btf.between.wi)
+        cosines = pairs_there @ pairs_between.T  # the sum of two: of the views, and of the lights
+        return heldout[cosines.argmax(0)]  # it is largest where both are equal
 
     @cached_property
     def groups(self) -> dict[str, np.ndarray]:
         """The indices of the pairs of each group, by the name under which reports show it. Empty groups are left out.
 
-        Held-out pairs are inside the hull if training pairs lie around them in each direction, and else outside: there
-        a decoder must extrapolate. Both groups have as many pairs at about the same θ_o and θ_i. Pairs of low light are
-        in their own group alone.
+        Pairs of low light are in their own group alone.
         """
         everything = np.delete(np.arange(len(self.btf)), self.split.low_light)
         heldout = np.sort(np.concatenate([np.empty(0, int), *self.split.heldout.values()])).astype(int)
@@ -146,16 +146,21 @@ class Workbench:
         if len(self.split.heldout) > 1:  # views, lights or pairs of both were held out, each a group of its own
             groups |= {f"heldout, {name}": pairs for name, pairs in self.split.heldout.items()}
         if len(heldout):
-            wo = torch.from_numpy(self.btf.wo[heldout])
-            wi = torch.from_numpy(self.btf.wi[heldout])
-            outside = PairInterpolator(self.training.layout).outside(wo, wi).numpy()
-            inside, outside_alike = self._at_equal_angles(heldout[~outside], heldout[outside])
-            groups |= {"heldout, inside hull": inside, "heldout, outside hull": outside_alike}
+            groups |= self._groups_by_hull(heldout)
         groups[VALIDATION] = self.split.validation
         if self.scene_shares is not None:
             groups[OUTSIDE] = everything[self.scene_shares[everything] == 0]
         groups[LOW_LIGHT] = self.split.low_light
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
+
+    def _groups_by_hull(self, heldout: np.ndarray) -> dict[str, np.ndarray]:
+        """Of held-out pairs (n,) those inside the hull, where training pairs lie around them in each direction, and
+        those outside, where a decoder must extrapolate: as many of both, at about the same θ_o and θ_i."""
+        wo = torch.from_numpy(self.btf.wo[heldout])
+        wi = torch.from_numpy(self.btf.wi[heldout])
+        is_outside = PairInterpolator(self.training.layout).outside(wo, wi).numpy()
+        inside, outside = self._at_equal_angles(heldout[~is_outside], heldout[is_outside])
+        return {"heldout, inside hull": inside, "heldout, outside hull": outside}
 
     def _at_equal_angles(self, inside: np.ndarray, outside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of pairs inside a hull (n,) and outside (m,), as many of each in every cell of `CELL_DEG` over θ_o and θ_i.
@@ -165,15 +170,15 @@ class Workbench:
         theta_o, _ = to_degrees(self.btf.wo)
         theta_i, _ = to_degrees(self.btf.wi)
         cell = 1000 * (theta_o // CELL_DEG) + theta_i // CELL_DEG  # (N,), a number for each
-        kept: list[list[np.ndarray]] = [[], []]
+        kept_inside = [np.empty(0, int)]
+        kept_outside = [np.empty(0, int)]
         for common in np.intersect1d(cell[inside], cell[outside]):
-            members = [group[cell[group] == common] for group in (inside, outside)]
-            count = min(map(len, members))
-            for side, pairs in zip(kept, members, strict=True):
-                evenly = np.linspace(0, len(pairs) - 1, count).round().astype(int)
-                side.append(pairs[evenly])
-        kept_inside, kept_outside = (np.sort(np.concatenate([np.empty(0, int), *side])) for side in kept)
-        return kept_inside, kept_outside
+            inside_in_cell = inside[cell[inside] == common]
+            outside_in_cell = outside[cell[outside] == common]
+            count = min(len(inside_in_cell), len(outside_in_cell))
+            kept_inside.append(_evenly_among(inside_in_cell, count))
+            kept_outside.append(_evenly_among(outside_in_cell, count))
+        return np.sort(np.concatenate(kept_inside)), np.sort(np.concatenate(kept_outside))
 
     @cached_property
     def scored(self) -> np.ndarray:
@@ -212,9 +217,8 @@ class Workbench:
     def shown(self) -> np.ndarray:
         """The pairs (n,) whose slices are stored as pictures: those of `sheet`, then in each step the one that is
         farthest from all before, up to `MOST_STORED`."""
-        # Pairs that decide as points (pairs, 6), and the numbers of the points that are chosen.
-        points = np.concatenate([self.btf.wo[self.deciding], self.btf.wi[self.deciding]], 1)
-        chosen = [int(number) for number in np.flatnonzero(np.isin(self.deciding, self.sheet))]
+        points = _as_points(self.btf.wo[self.deciding], self.btf.wi[self.deciding])
+        chosen = np.flatnonzero(np.isin(self.deciding, self.sheet)).tolist()  # numbers of points
         distance = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(1)  # to the nearest chosen one
         while len(chosen) < min(MOST_STORED, len(points)):
             farthest = int(distance.argmax())
@@ -226,6 +230,17 @@ class Workbench:
     def deciding(self) -> np.ndarray:
         """The pairs that decide a comparison: the scored held-out pairs, or all pairs if none are held out."""
         return np.intersect1d(self.scored, self.groups[deciding_group(self.groups)])
+
+
+def _as_points(wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
+    """Pairs of directions, (n, 3) each, as points (n, 6)."""
+    return np.concatenate([wo, wi], 1)
+
+
+def _evenly_among(pairs: np.ndarray, count: int) -> np.ndarray:
+    """So many of some pairs (n,), evenly spread over their order."""
+    places = np.linspace(0, len(pairs) - 1, count).round().astype(int)
+    return pairs[places]
 
 
 FEW_PAIRS = 5  # fewer that decide say little of a material, and a warning says so
@@ -250,19 +265,29 @@ def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
     with _ONE_AT_A_TIME:
         if key not in _latest:
             _latest.clear()
-            demand = None
-            if what.demand:
-                demand = demand_of(what.run, what.demand)
-            btf = open_material(what.material, what.data, show, draw, load_path_tracer)
-            if what.data.texels:
-                btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it
-            opened = Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)
-            if opened.exposed.fault:
-                log.warning("%s: %s", what.material.name, opened.exposed.fault)
-            if len(opened.deciding) < FEW_PAIRS:
-                is_measured = kind_of(what.material).ignores(what.material, "data.heldout")
-                setting = "data.holdout" if is_measured else "data.heldout"
-                few = "%s: %d pair(s) decide: mark more as held out, or raise %s"
-                log.warning(few, what.material.name, len(opened.deciding), setting)
+            opened = _opened(what, draw, show)
+            _warn(opened, what.material)
             _latest[key] = opened
         yield _latest[key]
+
+
+def _opened(what: Opening, draw: int, show: Progress) -> Workbench:
+    """A new workbench, at the test pairs of one draw."""
+    demand = None
+    if what.demand:
+        demand = demand_of(what.run, what.demand)
+    btf = open_material(what.material, what.data, show, draw, load_path_tracer)
+    if what.data.texels:
+        btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it
+    return Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)
+
+
+def _warn(workbench: Workbench, material: MaterialSpec) -> None:
+    """Warn of a material that its exposure shows badly, and of one with fewer than `FEW_PAIRS` that decide."""
+    if workbench.exposed.fault:
+        log.warning("%s: %s", material.name, workbench.exposed.fault)
+    if len(workbench.deciding) < FEW_PAIRS:
+        is_measured = kind_of(material).ignores(material, "data.heldout")
+        setting = "data.holdout" if is_measured else "data.heldout"
+        few = "%s: %d pair(s) decide: mark more as held out, or raise %s"
+        log.warning(few, material.name, len(workbench.deciding), setting)

@@ -55,11 +55,13 @@ def modules() -> dict[str, str]:
     return dict(sorted(by_name.items()))
 
 
-def grouped(known: dict[str, str]) -> str:
+def in_groups(known: dict[str, str]) -> str:
     """The commands of `modules` in groups, each with a line that says what it does."""
+    groups = GROUPS
     ours: set[str] = set().union(*GROUPS.values())
     others = tuple(name for name in known if name not in ours)
-    groups = GROUPS | {"commands of methods": others} if others else GROUPS
+    if others:
+        groups = GROUPS | {"commands of methods": others}
     lines = []
     for group, names in groups.items():
         lines.append(f"{group}:")

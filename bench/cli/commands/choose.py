@@ -87,7 +87,6 @@ def run(options: argparse.Namespace) -> int:
     if options.copy:
         container.refuse_other_file(options.copy)
     write_json = json_writer(options.json)
-    # Which settings are there, measured or not, and do those that are measured meet the wishes?
     suite = _suite(options)
     folder = options.out or Path("runs") / suite.name
     with Console() as console:
@@ -98,30 +97,24 @@ def run(options: argparse.Namespace) -> int:
     if not suite.data.validation:
         why = f"suite {suite.name} has no validation pairs to choose by"
         raise InputError(f"choose: {why}: add `validation = true` to [data]")
-    rungs, missing = _measured(folder, suite, options)
-    # Fitting takes minutes to hours, so missing settings are fitted only if no measured one will do.
-    if missing and not best_rung(rungs, wishes):
-        suite = canonical(suite)  # by the names of the records; it loads the codecs
-        _, missing = _measured(folder, suite, options)
-        if missing:
-            _measure(folder, suite, options, missing)
-            rungs, _ = _measured(folder, suite, options)
+    rungs = _rungs(folder, suite, options, wishes)
     if not rungs:
         say_line(f"{material}: nothing could be measured; the reasons are in {folder}")
         return FAILED
     # Say the best, or how near the nearest comes.
+    measured = load_run(folder)
     best = best_rung(rungs, wishes, TIE_DB)
     if best is None:
         nearest_rung = nearest(rungs, wishes)
         _say_nearest(material, nearest_rung, wishes, options)
         _say_other(folder, suite, options, wishes)
-        write_json(_fields(folder, nearest_rung.of) | {"missed": wishes.missed(nearest_rung)})
+        write_json(_fields(measured, nearest_rung.of) | {"missed": wishes.missed(nearest_rung)})
         return NO
     say_line(f"{material}: {choice_in_words(best.of)}{_frames_in_words(best, options)}")
     say_line(f"every setting: neubtf-bench table trade {shlex.quote(str(folder))} --all")
-    fields = _fields(folder, best.of)
+    fields = _fields(measured, best.of)
     _say_cost(best.of, fields["gpu_bytes"])
-    _offer(folder, best.of, options.copy)
+    _offer(measured, best.of, options.copy)
     command = _command(suite, best.of, options.device)
     if command:
         say_line(command)
@@ -156,20 +149,20 @@ def _frames_in_words(rung: Rung, options: argparse.Namespace) -> str:
     return f", {rung.score:.2f} dB in the frames of {options.scene}" if options.scene else ""
 
 
-def _fields(folder: Path, row: Timing) -> dict[str, Any]:
-    """What a measured setting is: its names, settings, costs and scores, and its file."""
-    job = load_run(folder).job(row["of"])
+def _fields(run: Run, row: Timing) -> dict[str, Any]:
+    """What a measured setting of a run is: its names, settings, costs and scores, and its file."""
+    job = run.job(row["of"])
     file = job.get("file") if job else None
     names = ("material", "label", "codec", "settings", "execution", "device", "threads")
     return {name: row.get(name) for name in names} | {
         "precision": row["dtype"],
         "sha256": row["score_key"]["sha256"],
         "bytes": row["bytes"],
-        "gpu_bytes": _gpu_bytes(folder, job),
+        "gpu_bytes": _gpu_bytes(run.folder, job),
         "ns_per_sample": row["ns_per_sample"],
         "longest_ns": longest_ns(row),
         "psnr": {"validation": row["validation"]["mean"], "test": row["psnr"]},
-        "file": str(folder / file) if file else None,
+        "file": str(run.folder / file) if file else None,
     }
 
 
@@ -207,15 +200,15 @@ def _gpu_bytes(folder: Path, job: Job | None) -> int | None:
         return None
 
 
-def _offer(folder: Path, row: Timing, copy: Path | None) -> None:
-    """Print where the chosen file is, and copy it with the network that it needs; `copy` is None for no copy.
+def _offer(run: Run, row: Timing, copy: Path | None) -> None:
+    """Print where the chosen file of a run is, and copy it with the network that it needs; `copy` is None for no copy.
 
     `InputError` if another file took its place, or if it is to be copied and is gone or damaged.
     """
-    job = load_run(folder).job(row["of"])
+    job = run.job(row["of"])
     if job is None or "file" not in job:
         return
-    file = folder / job["file"]
+    file = run.folder / job["file"]
     try:
         header = container.read_header(file)
     except ContainerError:  # the file is gone or damaged, which matters only if it is to be copied
@@ -250,10 +243,9 @@ def _command(suite: Suite, row: Timing, device: str) -> str:
         if value != defaults[key] and not kind.ignores(spec, f"data.{key}"):
             word = "true" if value is True else value
             words += ["--set", f"data.{key}={word}"]
-    (codec,) = (codec for codec in suite.codecs if codec.label == row["label"])
-    seed = suite.first_seed(codec)
-    if seed:
-        words += ["--seed", str(seed)]
+    seed = row["of"].rpartition("/")[2]  # the name of a job ends with it
+    if seed != "0":
+        words += ["--seed", seed]
     if suite.threads != 1:
         words += ["--threads", str(suite.threads)]
     if device != "cpu":
@@ -284,19 +276,30 @@ def _suite(options: argparse.Namespace) -> Suite:
         raise InputError(f"--steps {options.steps}: {error}") from error
 
 
+def _rungs(folder: Path, suite: Suite, options: argparse.Namespace, wishes: Limits) -> list[Rung]:
+    """The measured settings; if none of them meets the wishes, the settings of the suite that are missing are fitted
+    and measured first, which takes minutes to hours."""
+    rungs, missing = _measured(folder, suite, options)
+    if best_rung(rungs, wishes) or not missing:
+        return rungs
+    suite = canonical(suite)  # by the names of the records; it loads the codecs
+    _, missing = _measured(folder, suite, options)
+    if not missing:
+        return rungs
+    _measure(folder, suite, options, missing)
+    rungs, _ = _measured(folder, suite, options)
+    return rungs
+
+
 def _measured(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[list[Rung], list[str]]:
-    """The settings of the suite that were measured on the device for its material, and the labels of those not tried.
+    """The settings of the suite's codecs that were measured on the device for its material, and the labels of those of
+    the suite that were not tried.
 
     With --max-gpu-bytes, each knows the bytes of its textures on a GPU.
     """
-    codecs = {codec.codec for codec in suite.codecs}
     material = suite.materials[0].name
     run = run_so_far(folder)
-    rows = []
-    for row in run.choices:
-        of_material = (row["material"], row["device"]) == (material, options.device)
-        if of_material and row.get("codec") in codecs:
-            rows.append(row)
+    rows = _rows(run, suite, options.device)
     failed = {row["label"] for row in rows if "error" in row}  # these are not tried again
     tried = failed | {row["label"] for row in rows if "validation" in row}
     rungs = usable_rungs(rows, material)
@@ -308,6 +311,18 @@ def _measured(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[
         gpu_bytes_of = {name: _gpu_bytes(folder, run.job(name)) for name in jobs}
         rungs = [replace(rung, gpu=gpu_bytes_of[rung.of["of"]]) for rung in rungs]
     return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
+
+
+def _rows(run: Run, suite: Suite, device: str) -> list[Timing]:
+    """The choices of a run that are of the suite's codecs on its material, measured on a device."""
+    codecs = {codec.codec for codec in suite.codecs}
+    material = suite.materials[0].name
+    rows = []
+    for row in run.choices:
+        of_material = (row["material"], row["device"]) == (material, device)
+        if of_material and row.get("codec") in codecs:
+            rows.append(row)
+    return rows
 
 
 def _by_frames(run: Run, rungs: list[Rung], demand: str) -> list[Rung]:

@@ -92,7 +92,8 @@ def vectors(material: Material) -> Vectors:
     count = 5
     rng = np.random.default_rng(0)
     uv = rng.random((count, 2)).astype(np.float32)
-    wo, wi = (uniform(rng, count, 75.0).astype(np.float32) for _ in range(2))
+    wo = uniform(rng, count, 75.0).astype(np.float32)
+    wi = uniform(rng, count, 75.0).astype(np.float32)
     footprint = np.array([0, 0.125, 0, 0.125, 0], np.float32)
     rgb = material.query(*(torch.from_numpy(each) for each in (uv, wo, wi, footprint)))
     return Vectors(uv, wo, wi, footprint, rgb.numpy())

@@ -26,6 +26,7 @@ from bench.inputs.errors import FINE, NOTHING, InputError, installed, visible, w
 from bench.metrics import in_decibels, is_relative, label_of
 from bench.records import grouped, load_run
 from reports import write_history
+from reports.numbers import NONE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,28 +74,26 @@ def _table(frame: pd.DataFrame) -> str:
     frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
     metrics, decibels = _heldout(frame)
     sizes = [name for name in ("parameters", "bytes/total") if name in frame]
-    several = frame["own"].notna().any()  # a codec has a repository of its own
+    has_own = frame["own"].notna().any()  # a codec has a repository of its own
     frame = frame[[*keys, "status", *sizes]].assign(**metrics)
-    numbers = {"parameters": ",.0f", "bytes/total": ",.0f"}
+    form_of = {"parameters": ",.0f", "bytes/total": ",.0f"}  # by column of numbers
     for metric in metrics:
-        numbers[metric] = ".2f" if metric in decibels else ".4f"
+        form_of[metric] = ".2f" if metric in decibels else ".4f"
     rows = []
     for values, jobs in frame.groupby(keys, sort=False, dropna=False):
-        material, label, folder, started, git, codec = values
-        is_known = started == started  # pandas' NaT, a missing time, is not equal to itself
-        when = f"{started:%Y-%m-%d %H:%M}" if is_known else "—"
+        material, label, folder, started, git, own = values
+        when = f"{started:%Y-%m-%d %H:%M}" if isinstance(started, pd.Timestamp) else NONE  # a missing time is NaT
+        revisions = [git, own] if has_own else [git]
         cells = [visible(str(material)), visible(str(label)), visible(str(folder)), when]
-        cells.append(git if isinstance(git, str) else "—")  # a missing text is NaN
-        if several:
-            cells.append(codec if isinstance(codec, str) else "—")
+        cells += [revision if isinstance(revision, str) else NONE for revision in revisions]  # a missing text is NaN
         cells.append(f"{(jobs['status'] == 'ok').sum()} of {len(jobs)}")
-        for column, form in numbers.items():
-            mean = jobs[column].mean() if column in jobs else float("nan")
-            cells.append("—" if math.isnan(mean) else f"{mean:{form}}")
+        for column, form in form_of.items():
+            mean = jobs[column].mean() if column in jobs else math.nan
+            cells.append(NONE if math.isnan(mean) else f"{mean:{form}}")
         rows.append(cells)
-    revised = ["revision", "codec's revision"] if several else ["revision"]
+    revised = ["revision", "codec's revision"] if has_own else ["revision"]
     headers = ["material", "codec", "run", "started", *revised, "jobs", "parameters", "bytes", *metrics]
-    aligned = ["left"] * (5 + len(revised)) + ["right"] * len(numbers)
+    aligned = ["left"] * (5 + len(revised)) + ["right"] * len(form_of)
     return tabulate(rows, headers, "simple", colalign=aligned, disable_numparse=True)
 
 

@@ -48,7 +48,6 @@ def run(options: argparse.Namespace) -> int:
     if path.is_file() and _is_codec_file(path):
         if options.picture:
             raise InputError(f"{path}: --picture draws a BTF, and this is a codec file: decode it and draw the result")
-
         file = file_fields(read_header(path))
         print(file_lines(file))
         write_json(file)

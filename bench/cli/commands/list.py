@@ -30,7 +30,11 @@ def run(options: argparse.Namespace) -> int:
 
     write_json = json_writer(options.json)
     if options.name:  # one codec in full
-        write_json(_settings(options.what, options.name))
+        if options.what != "codecs":
+            raise InputError(f"list {options.what} {options.name}: only codecs have settings: list codecs NAME")
+        codec = _codec_fields(options.name)
+        _say_codec(codec)
+        write_json(codec)
         return FINE
     codecs = {name: registry.listed(entry) for name, entry in sorted(registry.codec_entries().items())}
     listings: dict[str, dict[str, str]] = {
@@ -51,41 +55,50 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _settings(what: str, name: str) -> dict[str, Any]:
-    """Print the settings of a codec, and of the network that it shares over materials if it has one; returns what it
-    prints."""
+def _codec_fields(name: str) -> dict[str, Any]:
+    """A codec with its settings, and the settings of the network that it shares over materials if it has one."""
     from bench.codec import described_settings
     from bench.codecs.registry import codec_entries, describe, load_codec, origin
     from bench.inputs.settings import Setting, descriptions
 
-    def table(settings: list[Setting]) -> dict[str, dict[str, str]]:
-        """Print one line for each setting, in aligned columns; returns the settings by name."""
-        head = ("setting", "default", "must be", "meaning")
-        rows = [head, *((each.name, each.default, each.kind, each.meaning) for each in settings)]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        for row in rows:
-            cells = [f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)]
-            say_line(f"  {'  '.join(cells)}".rstrip())
+    def by_name(settings: list[Setting]) -> dict[str, dict[str, str]]:
+        """The fields of each setting, by its name."""
         return {each.name: {"default": each.default, "kind": each.kind, "meaning": each.meaning} for each in settings}
 
-    if what != "codecs":
-        raise InputError(f"list {what} {name}: only codecs have settings: list codecs NAME")
     codec = load_codec(name)
     entry = codec_entries()[name]
-    versions = [f"version {codec.version}"]
-    versions += [f"recipe={recipe} {version}" for recipe, version in codec.recipe_versions.items()]
-    say_line(f"{name}, {', '.join(versions)}, of {origin(entry)}: {describe(entry)}")
-    listed: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "codec": name,
         "version": codec.version,
         "recipe_versions": codec.recipe_versions,
         "package": origin(entry),
         "description": describe(entry),
-        "settings": table(described_settings(codec)),
+        "settings": by_name(described_settings(codec)),
     }
     if codec.network:
+        fields["network_settings"] = by_name(descriptions(codec.network.Settings))
+    return fields
+
+
+def _say_codec(codec: dict[str, Any]) -> None:
+    """Print a codec by its `_codec_fields`."""
+    name = codec["codec"]
+    versions = [f"version {codec['version']}"]
+    versions += [f"recipe={recipe} {version}" for recipe, version in codec["recipe_versions"].items()]
+    say_line(f"{name}, {', '.join(versions)}, of {codec['package']}: {codec['description']}")
+    _say_settings(codec["settings"])
+    if "network_settings" in codec:
         say_line(
             f"settings of the network that it shares over materials (neubtf-bench pretrain {name} --set KEY=VALUE):"
         )
-        listed["network_settings"] = table(descriptions(codec.network.Settings))
-    return listed
+        _say_settings(codec["network_settings"])
+
+
+def _say_settings(settings: dict[str, dict[str, str]]) -> None:
+    """Print one line for each setting, in aligned columns."""
+    rows = [("setting", "default", "must be", "meaning")]
+    rows += [(name, each["default"], each["kind"], each["meaning"]) for name, each in settings.items()]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)]
+        say_line(f"  {'  '.join(cells)}".rstrip())

@@ -79,21 +79,18 @@ def run(options: argparse.Namespace) -> int:
     if options.neural and what != "codec":
         raise InputError("--neural: only `new codec` has it")
     words = _words(what, name, entry, options.out)
-    # Where each file goes, and its template. Nothing is written if one of the places is taken.
-    places: dict[Path, str] = {}
+    # The text of each file, with its open words. Nothing is written if one of the places is taken.
+    texts: dict[Path, str] = {}
     for place, template in _FILES[what].items():
         if options.neural and template == "codec":
             template = "neural"
-        places[options.out / place.format(**words)] = template
-    for path in places:
+        path = options.out / place.format(**words)
+        texts[path] = (files("bench.cli") / "templates" / f"{template}.txt").read_text("utf-8")
+    for path in texts:
         if path.exists():
             raise InputError(f"{path}: it exists already: remove it, or choose another --out")
-    texts = {
-        path: (files("bench.cli") / "templates" / f"{each}.txt").read_text("utf-8") for path, each in places.items()
-    }
     class_name = words["class_name"]
-    imported = re.findall(r"^(?:from .* )?import (.*)$", "\n".join(texts.values()), re.MULTILINE)
-    if what == "codec" and (keyword.iskeyword(class_name) or class_name in ", ".join(imported).split(", ")):
+    if what == "codec" and _is_in_use(class_name, "\n".join(texts.values())):
         raise InputError(f"new codec {name}: its class cannot be called {class_name}, a word in use: choose another")
     for path, text in texts.items():
         write_text(path, Template(text).substitute(words), "choose another --out")
@@ -112,6 +109,12 @@ def _words(what: str, name: str, entry: str, out: Path) -> dict[str, str]:
     folder = f"{name}-codec"  # where `new codec` puts the package
     words["package"] = f"./{folder}" if (out / folder / "pyproject.toml").is_file() else "."
     return words
+
+
+def _is_in_use(class_name: str, text: str) -> bool:
+    """Whether a name of a class is a word of Python, or a name that a text of Python imports."""
+    imported = re.findall(r"^(?:from .* )?import (.*)$", text, re.MULTILINE)  # names with commas between, a line each
+    return keyword.iskeyword(class_name) or class_name in ", ".join(imported).split(", ")
 
 
 def _is_taken(what: str, name: str) -> bool:

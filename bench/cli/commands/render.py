@@ -12,6 +12,7 @@ examples:
 """
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -81,28 +82,34 @@ def _drawn(options: argparse.Namespace) -> int:
         raise InputError("--set: it says how --truth is prepared: give --truth, too")
     device = usable_device(options.device or "cpu")
     with Console() as console:
-        names, captions, sides = [], [], []  # of each picture, from the left
+        sides: list[_Side] = []
         if options.truth:
             truth = open_named(options.truth, assignments(options.set), console.show)
-            names.append(options.truth)
-            captions.append("truth, interpolated")
-            sides.append(still.of_btf(table_of(truth)))
+            sides.append(_Side(options.truth, "truth, interpolated", still.of_btf(table_of(truth))))
         for path in options.files:
             file = load(path, device)
             if options.truth:
                 require_same_size(path.name, file.material.size, truth)
-            names.append(path.name)
-            captions.append(_caption(file.header))
-            sides.append(still.of_material(file.material))
+            sides.append(_Side(path.name, _caption(file.header), still.of_material(file.material)))
         rays = 2 if options.rays is None else options.rays
-        pictures = still.render(scene, sides, options.frame, rays, show=console.show)
+        pictures = still.render(scene, [side.answers for side in sides], options.frame, rays, show=console.show)
         exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
         if options.truth:
-            for number, picture in enumerate(pictures[1:], 1):
-                captions[number] += f"\n{still.psnr_in_frame(picture, pictures[0], exposure):.2f} dB in frame"
+            for side, picture in zip(sides[1:], pictures[1:], strict=True):
+                side.caption += f"\n{still.psnr_in_frame(picture, pictures[0], exposure):.2f} dB in frame"
+        captions = [side.caption for side in sides]
         still.write(options.out, np.concatenate(list(pictures), 1), exposure, captions)
-        console.say(_written(options.out, names, captions, exposure))
+        console.say(_written(options.out, [side.name for side in sides], captions, exposure))
     return FINE
+
+
+@dataclass
+class _Side:
+    """One of the pictures that stand side by side."""
+
+    name: str
+    caption: str
+    answers: still.Answers
 
 
 def _path_traced(options: argparse.Namespace) -> int:

@@ -32,6 +32,7 @@ examples:
 import argparse
 import re
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 
 from bench.cli.commands import _archives, say_line, table
@@ -68,9 +69,13 @@ def run(options: argparse.Namespace) -> int:
         return _add(options.run, options.file)
     if not options.documents:
         raise InputError("results write: name a Markdown file")
-    stale = [path for path in options.documents if _is_stale(path, options.action == "write")]
-    if options.action == "check" and stale:
-        names = " ".join(map(str, stale))
+    if options.action == "write":
+        for path, text in _out_of_date(options.documents):
+            write(path, text.encode())
+            say_line(f"wrote {path}")
+        return FINE
+    names = " ".join(str(path) for path, _ in _out_of_date(options.documents))
+    if names:
         say_line(f"tables differ from the records: {names}: `neubtf-bench results write {names}` mends them")
         return NO
     return FINE
@@ -93,11 +98,18 @@ def _add(run: Path, file: Path) -> int:
     return FINE
 
 
-def _is_stale(path: Path, mends: bool) -> bool:
-    """Whether a table of a document differs from what its command makes now; with `mends` the document is then written
-    again."""
-    with readable(str(path), "name a Markdown file"):
-        text = path.read_text(encoding="utf-8")
+def _out_of_date(documents: list[Path]) -> Iterator[tuple[Path, str]]:
+    """The documents of which a table differs from what its command makes now, each with its new text."""
+    for path in documents:
+        with readable(str(path), "name a Markdown file"):
+            text = path.read_text(encoding="utf-8")
+        new = _with_new_tables(path, text)
+        if new != text:
+            yield path, new
+
+
+def _with_new_tables(path: Path, text: str) -> str:
+    """The text of a document with its tables as their commands make them now. `InputError` if it has none."""
     if not _BLOCK.search(text):
         raise InputError(f"{path}: it has no table made by a command: see `neubtf-bench results --help`")
 
@@ -105,11 +117,7 @@ def _is_stale(path: Path, mends: bool) -> bool:
         """The block with the table that its command makes now."""
         return block["start"] + _table(path, block["words"]) + block["end"]
 
-    new = _BLOCK.sub(made_again, text)
-    if mends and new != text:
-        write(path, new.encode())
-        say_line(f"wrote {path}")
-    return new != text
+    return _BLOCK.sub(made_again, text)
 
 
 def _table(path: Path, words: str) -> str:

@@ -12,7 +12,6 @@ import argparse
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from bench.cli.commands import (
     assignments,
@@ -61,14 +60,10 @@ def run(options: argparse.Namespace) -> int:
 
     After Ctrl-C no report is written, and it returns `INTERRUPTED`.
     """
-    # The suite with the changes of the command line.
-    changes = assignments(options.set)
-    if options.all_pairs:
-        changes["data.pairs"] = "0"  # no limit
-    changes |= read_as(options)
+    changes = _changes(options)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
     suite = with_metrics(suite, options.metric)
-    # Run it. The workers of a scheduler are elsewhere, where other devices and other data may be.
+    # The workers of a scheduler are elsewhere, where other devices and other data may be.
     if not options.scheduler:
         require_materials(suite, "--material" if options.material else f"{options.suite}: materials")
     folder = options.out or Path("runs") / suite.name
@@ -90,8 +85,6 @@ def run(options: argparse.Namespace) -> int:
             done = f"{len(outcomes)} of {len(suite.cells)} jobs are done"
             console.say(f"{_summary(outcomes, timed=False)}\ninterrupted: {done}; the same command resumes: {folder}")
             return INTERRUPTED
-
-        # Report it.
         console.show("drawing tables, figures and pages", 0, 1)
         written = write_report(folder)
         console.show("drawing tables, figures and pages", 1, 1)
@@ -102,6 +95,14 @@ def run(options: argparse.Namespace) -> int:
     if "failed" in states:
         return FAILED
     return FINE if "ok" in states else NOTHING
+
+
+def _changes(options: argparse.Namespace) -> dict[str, str]:
+    """The settings that the options change, of codecs and, by `data.KEY`, of the data."""
+    changes = assignments(options.set)
+    if options.all_pairs:
+        changes["data.pairs"] = "0"  # no limit
+    return changes | read_as(options)
 
 
 def _timed_in_last_start(run: Run) -> bool:
@@ -128,7 +129,7 @@ def _workers(options: argparse.Namespace, threads: int) -> Seats | None:
     return workers(options.jobs, threads, options.device, options.max_seconds)
 
 
-def _summary(outcomes: list[Any], timed: bool) -> str:
+def _summary(outcomes: list[runner.Outcome], timed: bool) -> str:
     """How many jobs ended in which state, and how many were reused, in one line.
 
     `timed` says whether this start of the run measured times.

@@ -54,19 +54,8 @@ def run(options: argparse.Namespace) -> int:
     """Print the tables; returns `FINE`, or `NOTHING` if there is no such table."""
     kinds, folders = kinds_and_places(options.what)
     chosen = choice(options)
-    if not kinds and options.what:  # the first word may be a kind, misspelt
-        word = options.what[0]
-        if difflib.get_close_matches(word, KINDS, n=1) and not Path(word).exists():
-            raise InputError(f"table: {word!r} is neither a kind of table nor a folder{did_you_mean(word, KINDS)}")
-    if len(kinds) > 1:
-        raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
+    _check_kinds(kinds, options)
     kind = kinds[0] if kinds else None
-    if options.against and kind not in (None, "summary"):
-        raise InputError(f"--against {options.against}: the table {kind} sets none against it: give table summary")
-    if options.all and kind not in ("paper", "trade"):
-        raise InputError("--all: only the tables paper and trade have further rows: give table paper or table trade")
-    if options.material and kind == "parameters":
-        raise InputError("--material: not with the table of parameters, which no material changes: leave it out")
     if kind == "parameters":  # it needs no run
         print(parameters_table(folders, options.format, chosen))
         return FINE
@@ -82,6 +71,22 @@ def run(options: argparse.Namespace) -> int:
         return FINE if kind == "unfinished" else NOTHING
     print(text)
     return FINE
+
+
+def _check_kinds(kinds: list[str], options: argparse.Namespace) -> None:
+    """Raise `InputError` for several kinds of tables, a misspelt one, and options that the kind does not have."""
+    if not kinds and options.what:  # the first word may be a kind, misspelt
+        word = options.what[0]
+        if difflib.get_close_matches(word, KINDS, n=1) and not Path(word).exists():
+            raise InputError(f"table: {word!r} is neither a kind of table nor a folder{did_you_mean(word, KINDS)}")
+    if len(kinds) > 1:
+        raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
+    if options.against and kinds not in ([], ["summary"]):
+        raise InputError(f"--against {options.against}: the table {kinds[0]} sets none against it: give table summary")
+    if options.all and kinds not in (["paper"], ["trade"]):
+        raise InputError("--all: only the tables paper and trade have further rows: give table paper or table trade")
+    if options.material and kinds == ["parameters"]:
+        raise InputError("--material: not with the table of parameters, which no material changes: leave it out")
 
 
 def kinds_and_places(words: list[str]) -> tuple[list[str], list[Path]]:
@@ -107,34 +112,42 @@ def parameters_table(folders: list[Path], format: str, choice: Choice | None = N
 
     Without folders it is of the newest run, if there is one. A job has the times of a sample that its run measured.
     """
-    jobs: list[TimedJob] = []
     folders = folders or _runs()[-1:]
     # Each folder is loaded alone, so that no job takes the place of another one of the same name.
     runs = [load_together([folder], wanted=lambda job: False) for folder in folders]
-    on_gpu: dict[str, Timing] = {}
+    on_gpu: dict[str, Timing] = {}  # by label
     for run in runs:
         on_gpu |= gpu_times(run)
+    jobs: list[TimedJob] = []
     for run in runs:
-        for job in run.jobs:
-            if job["status"] != "ok":
-                continue
-            require(job, "tables", run.folder)
-            timed = cast(TimedJob, {**job, "ns": {}})
-            eager = run.timing(job)
-            if eager:
-                timed["ns"]["eager"] = eager["ns_per_sample"]
-            fused = fused_times(run).get(job["job"])
-            if fused:
-                timed["ns"]["fused"] = fused["ns_per_sample"]
-            quickest = on_gpu.get(job["label"])
-            if quickest:
-                timed["ns"]["gpu"] = quickest["ns_per_sample"]
-                timed["gpu"] = quickest["gpu"]
-            jobs.append(timed)
+        jobs += _timed_jobs(run, on_gpu)
     from bench.conformance.verdicts import job_of_counts  # it imports PyTorch, which no other table needs
 
     counted = [cast(TimedJob, job_of_counts(name)) for name in PUBLISHED if name in codec_entries()]
     return parameters_text([*counted, *jobs], format, choice)
+
+
+def _timed_jobs(run: Run, on_gpu: dict[str, Timing]) -> list[TimedJob]:
+    """The jobs of a run that have a result, with the times of a sample that were measured: `on_gpu` by label."""
+    fused_by_job = fused_times(run)
+    jobs = []
+    for job in run.jobs:
+        if job["status"] != "ok":
+            continue
+        require(job, "tables", run.folder)
+        timed = cast(TimedJob, {**job, "ns": {}})
+        eager = run.timing(job)
+        if eager:
+            timed["ns"]["eager"] = eager["ns_per_sample"]
+        fused = fused_by_job.get(job["job"])
+        if fused:
+            timed["ns"]["fused"] = fused["ns_per_sample"]
+        quickest = on_gpu.get(job["label"])
+        if quickest:
+            timed["ns"]["gpu"] = quickest["ns_per_sample"]
+            timed["gpu"] = quickest["gpu"]
+        jobs.append(timed)
+    return jobs
 
 
 def _paper(folders: list[Path], format: str, choice: Choice | None, whole: bool) -> str:

@@ -12,7 +12,7 @@ import argparse
 import tempfile
 import webbrowser
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 from bench.btf import BTF
 from bench.cli.commands import assignments, say_line, several
@@ -51,22 +51,7 @@ def run(options: argparse.Namespace) -> int:
         atomic.refuse_other_kind(options.out, ".html", atomic.begins(b"<!DOCTYPE html>"))
     changes = assignments(options.set)
     with Console() as console:
-        models = []
-        common_exposure = 0.0  # not known yet
-        if options.truth:
-            btf = open_named(options.truth, changes, console.show)
-            program, common_exposure = drawable_truth(btf, console.show)
-            note = "truth: the training pairs, interpolated between directions"
-            models = [Shown(f"{btf.name}, truth", program, common_exposure, note, slices=True)]
-        for file in map(load, options.files):  # each with a program that the page runs, and a note on it
-            (program, exposure), note, of_slices = _drawn(file, console.show)
-            if not common_exposure:  # one for all, the first, so that brightness can be compared
-                common_exposure = exposure
-            label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
-            if options.truth:
-                require_same_size(file.header.path.name, file.material.size, btf)
-                label += f", {_psnr(file, btf, console.show):.2f} dB"
-            models.append(Shown(label, program, common_exposure, note, slices=of_slices))
+        models = _models(options, changes, console.show)
         title = models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem
         text = page(title, models)
     out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
@@ -75,6 +60,27 @@ def run(options: argparse.Namespace) -> int:
     if not options.out and not webbrowser.open(out.as_uri()):
         raise InputError(f"no browser could be opened: open {out} by hand, or choose a place with -o")
     return FINE
+
+
+def _models(options: argparse.Namespace, changes: dict[str, str], show: Progress) -> list[Shown]:
+    """The models of the page: the truth, if it is asked for, and the files; all at the exposure of the first."""
+    models = []
+    common_exposure = 0.0  # not known yet
+    if options.truth:
+        btf = open_named(options.truth, changes, show)
+        program, common_exposure = drawable_truth(btf, show)
+        note = "truth: the training pairs, interpolated between directions"
+        models.append(Shown(f"{btf.name}, truth", program, common_exposure, note, slices=True))
+    for file in map(load, options.files):
+        drawn = _drawn(file, show)
+        if not common_exposure:
+            common_exposure = drawn.exposure
+        label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
+        if options.truth:
+            require_same_size(file.header.path.name, file.material.size, btf)
+            label += f", {_psnr(file, btf, show):.2f} dB"
+        models.append(Shown(label, drawn.program, common_exposure, drawn.note, slices=drawn.slices))
+    return models
 
 
 def _psnr(file: Loaded, btf: BTF, show: Progress) -> float:
@@ -86,16 +92,23 @@ def _psnr(file: Loaded, btf: BTF, show: Progress) -> float:
     return cast(float, stats_of({"scores": summary}, PSNR)["mean"])
 
 
-def _drawn(file: Loaded, show: Progress) -> tuple[tuple[Program, float], str, bool]:
-    """The program of a file's material with its exposure, a note for the reader of the page, and whether it has slices.
+class _Drawn(NamedTuple):
+    """What the page draws of a file: a program, the exposure of its picture alone, and a note for the reader."""
 
-    If no shader can evaluate the material, the program interpolates slices that were decoded from it.
-    """
+    program: Program
+    exposure: float
+    note: str
+    slices: bool  # whether the program interpolates slices
+
+
+def _drawn(file: Loaded, show: Progress) -> _Drawn:
+    """A file's material as a program; if no shader can evaluate it, slices that were decoded from it."""
     try:
         program, exposure = drawable(file.material)
         shader(program, GLSL)
     except InputError as error:
         name = file.header.path.stem
         note = f"{name} is baked to slices at {BAKED} × {BAKED} pairs, interpolated between directions, because {error}"
-        return drawable_truth(baked(file.material, name, show), show), note, True
-    return (program, exposure), f"fitted to lights up to {file.material.lowest_light_deg:.0f}°", False
+        program, exposure = drawable_truth(baked(file.material, name, show), show)
+        return _Drawn(program, exposure, note, slices=True)
+    return _Drawn(program, exposure, f"fitted to lights up to {file.material.lowest_light_deg:.0f}°", slices=False)

@@ -139,10 +139,11 @@ def quality(encoded: Encoded, ours: Array) -> dict[str, float]:
 
 def sound(encoded: Encoded) -> None:
     """The decoded slices have the size of the material, and are finite and not negative."""
-    decoded_size = "{} × {}".format(*encoded.decoded.shape[1:3])
-    true_size = "{} × {}".format(*encoded.truth.shape[1:3])
-    fault = f"decoded slices are {decoded_size} texels, those of the material {true_size}"
-    require(decoded_size == true_size, decoded_size, fault)
+    size = encoded.truth.shape[1:3]
+    decoded_size = encoded.decoded.shape[1:3]
+    in_words = " × ".join(map(str, decoded_size))
+    fault = f"decoded slices are {in_words} texels, those of the material {' × '.join(map(str, size))}"
+    require(decoded_size == size, in_words, fault)
     bad = ~(np.isfinite(encoded.decoded) & (encoded.decoded >= 0))
     require(not bad.any(), f"{bad.sum()} bad", f"{bad.sum()} decoded values are negative or not finite")
 

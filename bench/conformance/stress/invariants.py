@@ -150,13 +150,14 @@ def near_double(name: str, subject: Subject) -> Measured:
     # A query answers in float32 at least; `double` changes no value, and makes the differences exact.
     double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries).double()
     ours = subject.decode(subject.parts).to(dtype=SHORT_FLOATS[name]).query(*queries).double()
-    r = SHORT_STEPS * torch.finfo(SHORT_FLOATS[name]).eps
-    excess = ((ours - double).abs() / (double.abs() + double.mean()) / r).amax(1)  # (n,), 1 is just allowed
-    worst = int(excess.nan_to_num(torch.inf).argmax())  # NaN is the worst of all
+    allowed = SHORT_STEPS * torch.finfo(SHORT_FLOATS[name]).eps  # r
+    relative = (ours - double).abs() / (double.abs() + double.mean())  # (n, 3)
+    used = (relative / allowed).amax(1)  # (n,), 1 is just allowed
+    worst = int(used.nan_to_num(torch.inf).argmax())  # NaN is the worst of all
     answer, exact = ours[worst].tolist(), double[worst].tolist()
-    where = f"{answer}, {exact} in float64: {excess[worst]:.2f} of what is allowed, at {query_in_words(queries, worst)}"
-    require(excess[worst] <= 1, f"{excess[worst] * r:.1%}", where)
-    return Measured(decibels(ours, double), float(excess[worst]), where)
+    where = f"{answer}, {exact} in float64: {used[worst]:.2f} of what is allowed, at {query_in_words(queries, worst)}"
+    require(used[worst] <= 1, f"{used[worst] * allowed:.1%}", where)
+    return Measured(decibels(ours, double), float(used[worst]), where)
 
 
 def diverges(subject: Subject) -> None:

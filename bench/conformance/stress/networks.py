@@ -42,8 +42,8 @@ def largest_weights(subject: Subject) -> Material:
     if subject.parts.network:  # shared over materials: its weights are in another file
         material = subject.decode(subject.parts)
         for network in material.modules():
-            for p in network.parameters():
-                p.data = p.sign() * HALF_MAX
+            for weights in network.parameters():
+                weights.data = weights.sign() * HALF_MAX
         return material
     stored = subject.parts.decoder
     floats = {name: values.sign() * HALF_MAX for name, values in stored.items() if values.is_floating_point()}
@@ -150,8 +150,8 @@ def spoiled(make: Callable[[Subject], Material], subject: Subject) -> None:
 def exact_sine(subject: Subject) -> None:
     """Check the answers, and the sine itself: float32 against float64 at the same arguments."""
     sound(large_arguments(subject))
-    x = torch.linspace(-ARGUMENT, ARGUMENT, 100_001)
-    worst = float((x.sin().double() - x.double().sin()).abs().max())
+    arguments = torch.linspace(-ARGUMENT, ARGUMENT, 100_001)
+    worst = float((arguments.sin().double() - arguments.double().sin()).abs().max())
     require(worst <= 2**-23, f"{worst:.1g}", f"the sine of arguments up to {ARGUMENT:g} is off by {worst:.3g}")
 
 

@@ -125,6 +125,6 @@ def _search(subject: Subject, word: str, strategy: Any, count: int, holds: Calla
         if not failing:
             raise
         numbers, error = failing[-1]
-        listed = " ".join(f"{x:.9g}" for x in numbers)
+        listed = " ".join(f"{number:.9g}" for number in numbers)
         again = f'neubtf-bench stress --codec {subject.tested.codec.name} --{word} "{listed}"'
         raise CheckError(f"{error}: {again}", getattr(error, "figure", "") or type(error).__name__) from raised

@@ -160,7 +160,8 @@ def batch_of(count: int, subject: Subject) -> None:
 def query_in_words(queries: Queries, row: int) -> str:
     """A query as `stress --query` takes it."""
     numbers = torch.cat([column[row].reshape(-1).double() for column in queries])
-    return '--query "' + " ".join(f"{x:.9g}" for x in numbers.tolist()) + '"'
+    listed = " ".join(f"{number:.9g}" for number in numbers.tolist())
+    return f'--query "{listed}"'
 
 
 def query(

@@ -46,17 +46,21 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
     for group in (of_data, others):  # the longer ones first
         if group:
             tasks += [(codec, group) for codec in codecs]
-    waiting: set[Future[list[Stress]]] = set()
-    for number, task in enumerate(tasks):
-        show("stress", number - len(waiting), len(tasks))  # those that have ended
-        waiting.add(workers.executor.submit(attempt, *task))  # waits for a free worker
-        for future in [future for future in waiting if future.done()]:
-            waiting.remove(future)
-            yield from future.result()
-    for left, future in enumerate(as_completed(waiting)):
-        show("stress", len(tasks) - len(waiting) + left, len(tasks))
+    show("stress", 0, len(tasks))
+    for ended, future in enumerate(_as_they_end(tasks, workers), 1):
         yield from future.result()
-    show("stress", len(tasks), len(tasks))
+        show("stress", ended, len(tasks))
+
+
+def _as_they_end(tasks: list[tuple[str, list[str]]], workers: Workers) -> Iterator[Future[list[Stress]]]:
+    """The records of each task, a codec and some cases, as workers finish."""
+    waiting: set[Future[list[Stress]]] = set()
+    for codec, names in tasks:
+        waiting.add(workers.executor.submit(attempt, codec, names))  # waits for a free worker
+        ended = {future for future in waiting if future.done()}
+        waiting -= ended
+        yield from ended
+    yield from as_completed(waiting)
 
 
 def attempt(codec: str, names: Sequence[str]) -> list[Stress]:

@@ -54,13 +54,13 @@ def test_a_near_scene_needs_a_window_and_few_pairs_a_far_one_nothing_fine_and_on
     assert part.window.height < 40
     assert part.window.width < 40
     assert 9 <= len(part.pairs) <= 27
-    assert not part.whole
     queries = demand_of(FAR)
     part = NeededPart.for_demand(tiny_btf(64, 9, 9), queries)
     assert part.window.full
     assert part.window.factor == int(np.percentile(queries.footprint, 1) * 64) > 2
     part = NeededPart.for_demand(tiny_btf(16, 6, 6), random_demand())
-    assert part.whole
+    assert part.window == Window.whole((16, 16))
+    assert len(part.pairs) == 36
     assert part.views.sum() > 100
 
 

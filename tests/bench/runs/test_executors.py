@@ -34,7 +34,7 @@ def test_a_worker_that_dies_takes_only_its_own_job_along():
 def test_a_worker_that_dies_without_a_job_is_replaced():
     with processes(1, 1) as workers:
         worker = workers.executor.submit(os.getpid).result()
-        pool, _, _ = workers.executor.pools[0]
+        pool = workers.executor.workers[0].pool
         (process,) = pool._processes.values()
         os.kill(worker, signal.SIGKILL)
         process.join()

@@ -2,6 +2,7 @@ import argparse
 import re
 import shutil
 import sys
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -236,7 +237,9 @@ def test_what_another_program_decodes_is_scored_and_not_timed(measured, fresh, q
 
     def material_of_job(folder, job, device):
         material = plain(folder, job, device)
-        material.opaque = job["label"] in of_programs
+        if job["label"] in of_programs:
+            material.opaque = True
+            material.process = threading.Lock()  # which cannot be copied, like the process of a program
         return material
 
     monkeypatch.setattr(trade, "material_of_job", material_of_job)
@@ -466,6 +469,16 @@ def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured,
     monkeypatch.delattr("bench.cli.commands.choose.run_and_measure")
     spelled = replace(SUITE, codecs=(CodecSpec("pca", {"components": 2, "passes": 4}),))
     assert choosing(monkeypatch, measured, spelled, min_psnr=99.0) == 1
+
+
+def test_a_setting_that_the_suite_lacks_is_chosen_if_it_was_measured(measured, monkeypatch, capsys):
+    monkeypatch.delattr("bench.cli.commands.choose.run_and_measure")
+    other = replace(SUITE, codecs=(CodecSpec("pca", {"components": 3}),))
+    assert choosing(monkeypatch, measured, other, min_psnr=1.0) == 0
+    (command,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("neubtf-bench encode"))
+    assert " --codec pca " in command
+    assert " --set components=2 " in command
+    assert "--seed" not in command
 
 
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):

@@ -41,7 +41,7 @@ class Sorting(Material):
 def test_a_material_without_a_shader_is_baked_and_said_to_be() -> None:
     material = Sorting()
     file = SimpleNamespace(material=material, header=SimpleNamespace(path=Path("mine.nbtf")))
-    (program, exposure), note, of_slices = _drawn(file, silent)
+    program, exposure, note, of_slices = _drawn(file, silent)
     assert of_slices
     assert re.search("mine.*13.*'cumsum'", note)
     assert exposure > 0
