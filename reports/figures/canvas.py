@@ -134,8 +134,7 @@ class Sheet:
         """
         place = self.pixels[top : top + picture.shape[0], left : left + picture.shape[1]]  # a view, written below
         picture = picture[: place.shape[0], : place.shape[1]]
-        alpha = picture[..., 3:] / 255 if picture.shape[-1] == 4 else 1
-        place[:] = np.round(picture[..., :3] * alpha + place * (1 - alpha)).astype(np.uint8)
+        place[:] = _blended(picture, place) if picture.shape[-1] == 4 else picture
 
     def text(self, x: float, y: float, text: str, **look: Any) -> None:
         """Write a text at pixels from the top left corner; `y` is its middle unless `look` says otherwise.
@@ -164,8 +163,7 @@ class Sheet:
         overlay = np.asarray(self.drawing.canvas.buffer_rgba())  # type: ignore[attr-defined]
         covered = overlay[..., 3] > 0  # mask (H, W)
         pixels = self.pixels.copy()
-        alpha = overlay[covered][:, 3:] / 255
-        pixels[covered] = np.round(overlay[covered][:, :3] * alpha + pixels[covered] * (1 - alpha)).astype(np.uint8)
+        pixels[covered] = _blended(overlay[covered], pixels[covered])
         out = io.BytesIO()
         Image.fromarray(pixels).convert(mode).save(out, "png", compress_level=4)
         return out.getvalue()
@@ -183,6 +181,12 @@ class Sheet:
             yield self.drawing
         finally:
             axes.remove()
+
+
+def _blended(over: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    """Pixels (…, 4) laid over others (…, 3), as their opacity says; all uint8."""
+    alpha = over[..., 3:] / 255
+    return np.round(over[..., :3] * alpha + ground * (1 - alpha)).astype(np.uint8)
 
 
 def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:

@@ -19,7 +19,7 @@ from bench.records import FLIP, PSNR, Job, Run
 from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
 from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material, short, style
 from reports.numbers import fixed
-from reports.rows import MaterialRows, Row
+from reports.rows import MaterialRows
 from reports.rungs import Budget, rungs_of
 
 CELL = 128  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
@@ -42,47 +42,51 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     Of a run that marked none, all stored slices are shown. Codecs whose slices are of other pairs than the first's
     are named below. None if no codec has stored pictures.
     """
-    rows = []
-    for row, stored in of_shown(run, material, "pictures"):
-        pictures = stored
-        if "sheet" in stored:  # a mask of the slices that the sheet shows
-            pictures = {name: array[stored["sheet"]] for name, array in stored.items()}
-        rows.append((row, pictures))
+    rows = [(row, _marked(stored)) for row, stored in of_shown(run, material, "pictures")]
     if not rows:
         return None
     rows, others = of_same_pairs(rows)
-    left_out = [row.label for row in others]
     _, first = rows[0]
     count, height, width = first["truth"].shape[:3]
     factor = max(1, math.ceil(CELL / max(height, width)))
     cell_width = width * factor
     cell_height = height * factor
-    pair = 2 * cell_width + 2 * _GAP  # the width of two columns
+    pair_width = 2 * cell_width + 2 * _GAP  # of two columns
     title = f"{material.name}: slices as decoded, and FLIP maps"
-    sheet = Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell_height + _GAP) + _BOTTOM)
+    sheet = Sheet(_LEFT + count * pair_width, _TOP + (len(rows) + 1) * (cell_height + _GAP) + _BOTTOM)
     sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
     # The first row: the truth of each slice, below two lines of its angles.
     for place in range(count):
-        left = _LEFT + place * pair
-        sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][place]))
-        sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][place]))
+        left = _LEFT + place * pair_width
+        sheet.text(left, _TOP - 34, angles_in_words("view", first["wo_deg"][place]))
+        sheet.text(left, _TOP - 18, angles_in_words("light", first["wi_deg"][place]))
         sheet.picture(left, _TOP, enlarged(first["truth"][place], factor))
     _label(sheet, "truth", _TOP + cell_height / 2)
     # A row for each codec.
     for number, (row, pictures) in enumerate(rows, 1):
         top = _TOP + number * (cell_height + _GAP)
         _label(sheet, row.label, top + cell_height / 2)
-        means = _flip_means(run, row, pictures)
+        flip = scores_by_pair(run, row.job, row.metric(FLIP))
         for place in range(count):
-            left = _LEFT + place * pair
+            left = _LEFT + place * pair_width
             sheet.picture(left, top, enlarged(pictures["decoded"][place], factor))
             if "flip" in pictures:  # FLIP maps are not made of very small slices
                 sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][place], factor))
-                _draw_mean(sheet, means[place], right=left + 2 * cell_width, bottom=top + cell_height)
+                if "pairs" in pictures:
+                    mean = flip.get(int(pictures["pairs"][place]))
+                    _draw_mean(sheet, mean, right=left + 2 * cell_width, bottom=top + cell_height)
     flip_scale(sheet, _LEFT + cell_width + _MAP_GAP, _TOP + cell_height // 2, cell_width)
-    if left_out:
-        sheet.text(_GAP, sheet.height - _BOTTOM / 2, left_out_words(left_out, sheet.width))
+    if others:
+        labels = [row.label for row in others]
+        sheet.text(_GAP, sheet.height - _BOTTOM / 2, left_out_words(labels, sheet.width))
     return Figure(material.name, "contact", title, sheet.png(), sheet)
+
+
+def _marked(stored: Arrays) -> Arrays:
+    """The arrays of a job's pictures, of the slices alone that the run marked for the sheet; all if it marked none."""
+    if "sheet" not in stored:
+        return stored
+    return {name: array[stored["sheet"]] for name, array in stored.items()}
 
 
 def _draw_mean(sheet: Sheet, mean: float | None, right: int, bottom: int) -> None:
@@ -94,14 +98,11 @@ def _draw_mean(sheet: Sheet, mean: float | None, right: int, bottom: int) -> Non
 
 
 def left_out_words(labels: Sequence[str], width: int) -> str:
-    """The line that names codecs whose pictures are not shown, cut to a width in pixels.
-
-    `reports.figures.pairs` writes it, too.
-    """
+    """The line that names codecs whose pictures are not shown, cut to a width in pixels."""
     return short(f"Left out, with slices of other pairs: {', '.join(labels)}", width // _LETTER)
 
 
-def _angles(side: str, direction: np.ndarray) -> str:
+def angles_in_words(side: str, direction: np.ndarray) -> str:
     """A direction (θ, φ) in degrees, in words; `side` says whose it is, "view" or "light"."""
     theta, phi = direction
     return f"{side}: θ {theta:.0f}°, φ {phi:.0f}°"
@@ -130,20 +131,13 @@ def strip(run: Run, budget: Budget) -> Figure | None:
         if len(best_three) < 3:
             continue
         best, pictures = best_three[0]
-        # Without the scores of slices there is no median: another surface may have them.
-        scores = arrays(run.folder, best, "slices", ("pairs", PSNR))
-        if scores and scores.keys() >= {"pairs", PSNR}:
+        error_of = scores_by_pair(run, best, PSNR)
+        if error_of:  # else there is no median: another surface may have the scores of slices
+            errors = [error_of[pair] for pair in pictures["pairs"].tolist()]
+            median_place = np.argsort(errors, kind="stable")[len(errors) // 2]
             with style():
-                return _strip(material, best_three, _median_place(pictures["pairs"], scores))
+                return _strip(material, best_three, int(median_place))
     return None
-
-
-def _median_place(pairs: np.ndarray, scores: Arrays) -> int:
-    """The place among the shown `pairs` of the one with the median error; `scores` has `pairs` and mean squared errors,
-    by the name of PSNR."""
-    error_of = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
-    places_by_error = sorted(range(len(pairs)), key=lambda place: error_of[pairs[place]])
-    return places_by_error[len(pairs) // 2]
 
 
 def _caption(job: Job) -> str:
@@ -172,14 +166,15 @@ def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], place: int) 
     return Figure(material, "strip", f"{material}: truth and decoded; PSNR: mean over test slices", sheet.png(), sheet)
 
 
-def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[float | None]:
-    """The mean FLIP of each shown slice, from the stored scores; None for each if they are missing."""
-    name = row.metric(FLIP)  # in full; "" if it was not scored by FLIP
-    scores = arrays(run.folder, row.job, "slices", ("pairs", name))
-    if not scores or not name or "pairs" not in pictures:
-        return [None] * len(pictures["decoded"])
-    by_pair = dict(zip(scores["pairs"].tolist(), scores[name].tolist(), strict=True))
-    return [by_pair[pair] for pair in pictures["pairs"].tolist()]
+def scores_by_pair(run: Run, job: Job, metric: str) -> dict[int, float]:
+    """A job's stored score of each slice by a metric, by the pair's index in the BTF; empty if they are missing.
+
+    Those of PSNR are mean squared errors.
+    """
+    stored = arrays(run.folder, job, "slices", ("pairs", metric))
+    if not stored or not stored.keys() >= {"pairs", metric}:
+        return {}
+    return dict(zip(stored["pairs"].tolist(), stored[metric].tolist(), strict=True))
 
 
 def _label(sheet: Sheet, text: str, middle: float) -> None:
@@ -194,7 +189,7 @@ def flip_scale(sheet: Sheet, left: int, middle: int, width: int) -> None:
     """Draw the colours of a FLIP map from 0 to 1, at the place of the truth's missing FLIP map.
 
     `left`, `middle` and `width` are those of this place, in pixels; the colours hang from its middle, with their title
-    above and the numbers below. `reports.figures.pairs` draws it, too.
+    above and the numbers below.
     """
     ramp = np.broadcast_to(np.linspace(0, 1, width), (_RAMP, width))
     sheet.picture(left, middle, coloured(ramp, "magma", Normalize(0, 1)))

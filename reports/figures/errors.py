@@ -7,6 +7,7 @@ both hemispheres. The pairs that *decide* the place of a codec in tables are tho
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -63,12 +64,7 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
     width = max(error.shape[1] for _, error in maps)
     factor = max(1, math.ceil(_ABRDF_CELL / max(height, width)))
     cell = (width * factor + 14, height * factor + 26)  # with a gap, and a line of text above
-    scale = LogNorm(1e-6, 1)  # of any range: without an error no map has a colour
-    positive = np.concatenate([error[error > 0] for _, error in maps])
-    if len(positive):
-        # From the smallest to the largest error of any codec, at most five decades; none is off the scale.
-        top = float(positive.max())
-        scale = LogNorm(max(float(positive.min()), top * 1e-5), top * 1.0001, clip=True)
+    scale = _logarithmic([error for _, error in maps])
     # At least three columns wide: the title and the split stand on one line.
     sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _ABRDF_TOP + rows * cell[1])
     sheet.text(_EDGE, 16, f"{title} ({material.split_in_words})", fontsize=9)
@@ -85,6 +81,15 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
     return Figure(material.name, "abrdf", title, sheet.png(), sheet)
 
 
+def _logarithmic(maps: Sequence[np.ndarray]) -> LogNorm:
+    """The scale from the smallest to the largest error above 0 on any map, at most five decades; none is off it."""
+    positive = np.concatenate([error[error > 0] for error in maps])
+    if not len(positive):
+        return LogNorm(1e-6, 1)  # of any range: without an error no map has a colour
+    top = float(positive.max())
+    return LogNorm(max(float(positive.min()), top * 1e-5), top * 1.0001, clip=True)
+
+
 @of_each_material
 def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     """Mean FLIP over the cells of both hemispheres, a column a codec, one scale for all. None if no codec has a map."""
@@ -97,41 +102,39 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     if not maps:
         return None
     title = f"{material.name}: FLIP over the hemispheres"
-    values = {}  # by side and number of the codec: FLIP by cell, (rings of θ, sectors of φ)
-    for side in _SIDES:
-        for number, (_, polar) in enumerate(maps):
-            values[side, number] = np.array(polar[side]["value"], float)
-    tops = [np.nanmax(value) for value in values.values() if np.isfinite(value).any()]
-    scale = Normalize(0, max(tops, default=0) or 1)  # a range also where no codec has an error
+    top = 0.0
+    for _, polar in maps:
+        for side in _SIDES:
+            value = np.array(polar[side]["value"], float)  # by cell
+            top = np.max(value, where=np.isfinite(value), initial=top)
+    scale = Normalize(0, top or 1)  # a range also where no codec has an error
     # In a block the hemisphere of views is above that of lights.
     lines, per_line = grid_of(len(maps), columns=6)
     # At least four blocks wide: the title and the split stand on one line.
     sheet = Sheet(2 * _EDGE + max(per_line, 4) * _BLOCK_WIDTH + _BAR, _POLAR_TOP + lines * _BLOCK_HEIGHT)
     sheet.text(_EDGE, 14, f"{title} ({material.split_in_words})", fontsize=9)
     sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
-    for (side, number), value in values.items():
-        label, polar = maps[number]
+    for number, (label, polar) in enumerate(maps):
         line, place = divmod(number, per_line)
         left = _EDGE + place * _BLOCK_WIDTH
         above = _POLAR_TOP + line * _BLOCK_HEIGHT
-        if side == "view":
-            sheet.text(left, above - 20, short(label, 24))
-        else:  # lights stand below views
-            above += _BLOCK_HEIGHT // 2 - 10
-        sheet.text(left, above - 6, _SIDES[side], color="0.35")
-        sheet.picture(left, above + 4, _disc(polar[side], value, scale))
+        sheet.text(left, above - 20, short(label, 24))
+        for side, words in _SIDES.items():
+            sheet.text(left, above - 6, words, color="0.35")
+            sheet.picture(left, above + 4, _disc(polar[side], scale))
+            above += _BLOCK_HEIGHT // 2 - 10  # lights stand below views
     bar = sheet.scale(sheet.width - _BAR, _POLAR_TOP, (_BAR_WIDTH, 260), "cividis", norm=scale)
     bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
     return Figure(material.name, "polar", title, sheet.png(), sheet)
 
 
-def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.ndarray:
+def _disc(stored: dict[str, Any], scale: Normalize) -> np.ndarray:
     """The cells of a hemisphere as a picture of its disc, (H, W, 4), with rings; θ grows outwards, φ from the right.
 
-    `stored` has the edges of the rings of θ and the centres of the sectors of φ, in degrees; `value` is (rings,
-    sectors). Sector 0 is centred on the right, and φ = 90° is on top. NaN, and what lies outside the hemisphere, are
-    transparent.
+    `stored` has the edges of the rings of θ and the centres of the sectors of φ, in degrees, and the cells. Sector 0 is
+    centred on the right, and φ = 90° is on top. NaN, and what lies outside the hemisphere, are transparent.
     """
+    value = np.array(stored["value"], float)  # (rings of θ, sectors of φ), NaN without a pair
     x, y = np.meshgrid(_DISC_DEG, -_DISC_DEG)  # of each pixel, in degrees of θ from the centre; y grows upwards
     sectors = len(stored["phi_centres_deg"])
     sector = np.round(np.degrees(np.arctan2(y, x)) * sectors / 360).astype(int) % sectors

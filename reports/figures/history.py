@@ -64,8 +64,9 @@ def _figure(material: str, codecs: Codecs, starts: Mapping[str, RunStart], style
 
 def _names(codecs: Codecs) -> list[str]:
     """The words of the legend: labels, with the kind of held-out pairs where codecs differ in it."""
-    kinds_differ = len({pairs for _, pairs in codecs}) > 1
-    return [f"{label}, {pairs} pairs" if kinds_differ and pairs else label for label, pairs in codecs]
+    if len({pairs for _, pairs in codecs}) == 1:
+        return [label for label, _ in codecs]
+    return [f"{label}, {pairs} pairs" if pairs else label for label, pairs in codecs]
 
 
 def _lines(
@@ -106,8 +107,8 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
         for job in run.jobs:
             if job["status"] == "ok":  # others have no numbers
                 codecs = by_material.setdefault(job["material"], {})
-                codec = codecs.setdefault((shown_label(job), str(job.get("split", ""))), {})
-                codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job) or Timing()))
+                by_start = codecs.setdefault((shown_label(job), str(job.get("split", ""))), {})
+                by_start.setdefault(str(job.get("run", "")), []).append((job, run.timing(job) or Timing()))
     return by_material
 
 

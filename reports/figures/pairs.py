@@ -15,9 +15,9 @@ import numpy as np
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
 from bench.records import PSNR, Run
-from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
+from reports.artefacts import Arrays, of_same_pairs, of_shown
 from reports.figures.canvas import Figure, Sheet, enlarged, short, style
-from reports.figures.contact import flip_scale, left_out_words
+from reports.figures.contact import angles_in_words, flip_scale, left_out_words, scores_by_pair
 from reports.numbers import EXACT, fixed
 from reports.rows import Row, materials
 
@@ -128,8 +128,9 @@ def _draw_pair(
     `place` is that of the slice in the stored arrays of `rows`. A texel is `factor` pixels a side.
     """
     _, first = rows[0]
-    wo, wi = first["wo_deg"][place], first["wi_deg"][place]
-    sheet.text(0, top + LINE / 2, f"view θ {wo[0]:.0f}°, φ {wo[1]:.0f}°; light θ {wi[0]:.0f}°, φ {wi[1]:.0f}°")
+    view = angles_in_words("view", first["wo_deg"][place])
+    light = angles_in_words("light", first["wi_deg"][place])
+    sheet.text(0, top + LINE / 2, f"{view}; {light}")
     truth = first["truth"][place]
     sheet.picture(0, top + LINE, _with_inset(truth, inset, factor))
     cell_height = truth.shape[0] * factor
@@ -202,13 +203,9 @@ def framed(picture: np.ndarray, top: int, left: int, side: int) -> None:
 def _decibels(run: Run, row: Row, pair: int) -> str:
     """The display PSNR of one slice as text, from the stored errors; "exact" without error, "" if it is not known.
 
-    `pair` is the slice's pair in the BTF. Errors are mean squared, by the name of PSNR.
+    `pair` is the slice's pair in the BTF.
     """
-    scores = arrays(run.folder, row.job, "slices", ("pairs", PSNR))
-    if not scores:
-        return ""
-    errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
-    error = errors.get(pair)
+    error = scores_by_pair(run, row.job, PSNR).get(pair)
     if error is None:
         return ""
     if error == 0:

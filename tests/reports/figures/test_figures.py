@@ -12,6 +12,7 @@ from reports import figures
 from reports.artefacts import arrays, program
 from reports.figures import contact, latents
 from reports.figures.canvas import Figure, Sheet
+from reports.figures.pairs import pairs_figure
 from reports.rungs import rungs_of
 from reports.series import plots_of
 
@@ -99,6 +100,14 @@ def test_a_contact_sheet_leaves_out_codecs_of_other_pairs_and_names_them(made, m
         assert drawn(run, figures.contact_sheets)["contact-satin.png"].shape == alone.shape
         assert any(text.endswith(": two") for text in texts)
         texts.clear()
+
+
+def test_slices_without_scores_are_drawn_without_numbers(made):
+    run = run_of(made.job())
+    path = run.folder / run.jobs[0]["slices"]
+    np.savez(path, pairs=np.load(path)["pairs"])  # of all arrays this one alone
+    assert list(drawn(run, figures.contact_sheets)) == ["contact-satin.png"]
+    assert pairs_figure(run, "satin", []).name == "pairs-satin.png"
 
 
 @pytest.mark.parametrize("draw", OF_ANY_RUN)
