@@ -82,21 +82,9 @@ class Board:
         `template` is the name of a file in `reports/templates/`; `values` has what it shows by the names that it uses.
         """
         plots = list(more)
-        # Colours and markers are given to the codecs of a run in order. All sources are joined to one run for that, so
-        # that a codec has one look on the whole page. Materials of two sources may share a name, so in the joined run
-        # each is named after its source, too.
-        parts: list[tuple[str, Publication, str]] = []
         for source in sources:
             plots += self.plots[source.name]
-            parts += [(f"{source.name}/{material.name}", source, material.name) for material in source.materials]
-        labels_in_plots: set[str] = set()
-        lines: dict[str, None] = {}  # of plots over budgets: each once, in order
-        for plot in plots:
-            labels = [entry["label"] for entry in plot["series"]]
-            labels_in_plots.update(labels)
-            if plot["kind"] in _OF_LINES:
-                lines |= dict.fromkeys(labels)
-        looks = [look for look in series.codecs(joined(parts), lines) if look["label"] in labels_in_plots]
+        looks = _looks(sources, plots)
         kinds = " ".join([*_OF_LINES, *_KINDS])  # as the page's script takes them
         common = {"kinds": kinds, "to_material": _to_material}
         return document(template, title, looks, plots, {**common, **values})
@@ -245,6 +233,21 @@ class MaterialPage(Page):
         if material.first is None or pictures_are_free(material.first):
             return _NO_PICTURES
         return _NOT_FREE
+
+
+def _looks(sources: Sequence[Publication], plots: Sequence[series.Plot]) -> series.Series:
+    """How the codecs and lines of some plots look; each has one look on a page, as if all sources were one run."""
+    labels_in_plots: set[str] = set()
+    lines: dict[str, None] = {}  # of plots over budgets: each once, in order
+    for plot in plots:
+        labels = [entry["label"] for entry in plot["series"]]
+        labels_in_plots.update(labels)
+        if plot["kind"] in _OF_LINES:
+            lines |= dict.fromkeys(labels)
+    parts: list[tuple[str, Publication, str]] = []
+    for source in sources:  # materials of two sources may share a name, so each is named after its source, too
+        parts += [(f"{source.name}/{material.name}", source, material.name) for material in source.materials]
+    return [look for look in series.codecs(joined(parts), lines) if look["label"] in labels_in_plots]
 
 
 def _codecs(source: Publication) -> set[str]:

@@ -133,22 +133,22 @@ def _with_paths(run: Run, at_hand: _AtHand) -> Run:
 
     Codec files are never shown.
     """
-    path_fields = set(field_names(ARTEFACT))
     jobs: Records[Job] = Records()
     for job in run.jobs:
-        fields: dict[str, object] = {}
-        for name, value in job.items():
-            is_path = name in path_fields and isinstance(value, str)  # the same field may hold packed arrays
-            if not is_path:
-                fields[name] = value
-        if _key(job) in at_hand:
-            local_run, local_job = at_hand[_key(job)]
-            if may_be_shown(local_job, local_run):
-                for name, path in local_job.items():
-                    if name in path_fields - {"file"} and isinstance(path, str):
-                        fields[name] = str(local_run.folder.absolute() / path)
+        paths = _paths(job)
+        fields: dict[str, object] = {name: value for name, value in job.items() if name not in paths}
+        local_run, local_job = at_hand.get(_key(job), (run, None))
+        if local_job and may_be_shown(local_job, local_run):
+            shown = {name: path for name, path in _paths(local_job).items() if name != "file"}
+            fields |= {name: str(local_run.folder.absolute() / path) for name, path in shown.items()}
         jobs.put(job["job"], cast(Job, fields))
     return replace(run, jobs=jobs)
+
+
+def _paths(job: Job) -> dict[str, str]:
+    """The paths of a job's artefacts, by field; the same fields may hold packed arrays, which are none."""
+    names = field_names(ARTEFACT)
+    return {name: value for name, value in job.items() if name in names and isinstance(value, str)}
 
 
 def _key(job: Job) -> tuple[str, ...]:

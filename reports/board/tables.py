@@ -29,24 +29,18 @@ _ORIGIN_HEADERS = ("state", "seed", "file", "fitted by", "scored by", "processor
 class Entry(NamedTuple):
     """A setting of a codec in a comparison."""
 
+    codec: str  # its name
     label: str  # the codec with its settings or, with budgets, the line
     size: int  # bytes of the file, a mean over seeds
     psnr: float  # of test pairs, in dB; infinite if exact
 
 
-class Candidate(NamedTuple):
-    """An entry of a comparison, with the name of its codec, by which rivals are told from the codec itself."""
-
-    codec: str
-    entry: Entry
-
-
 class Comparison(NamedTuple):
-    """The candidates of one source on one material, and at one budget if the source has budgets."""
+    """The entries of one source on one material, and at one budget if the source has budgets."""
 
     material: str
     results: str  # see `Place`
-    candidates: list[Candidate]
+    entries: list[Entry]
 
 
 @dataclass(frozen=True)
@@ -140,29 +134,28 @@ def places(names: Iterable[str], sources: Sequence[Publication]) -> dict[str, li
         comparisons += _at_budgets(source) if source.has_budgets else _of_all_settings(source)
     places_of_codecs = {}
     for name in names:
-        found = [_place(comparison, name) for comparison in comparisons]
-        places = [place for place in found if place]
-        places_of_codecs[name] = sorted(places, key=lambda place: -place.gap)
+        of_codec = filter(None, (_place(comparison, name) for comparison in comparisons))
+        places_of_codecs[name] = sorted(of_codec, key=attrgetter("gap"), reverse=True)
     return places_of_codecs
 
 
 def _of_all_settings(source: Publication) -> Iterator[Comparison]:
     """The comparison on each material of a source without budgets: of all settings, whatever their bytes."""
     for material in source.materials:
-        candidates = []
+        entries = []
         psnr_of = by_material.psnr_of(material)
         for codec in material.codecs:
             psnr = psnr_of.get(codec.label, math.nan)  # NaN without a number that may be compared
             if not math.isnan(psnr):
                 size = round(fmean(row.job["bytes"]["total"] for row in codec.measured))
-                candidates.append(Candidate(codec_of(codec.rows[0].label), Entry(codec.label, size, psnr)))
-        yield Comparison(material.name, source.name, candidates)
+                entries.append(Entry(codec_of(codec.rows[0].label), codec.label, size, psnr))
+        yield Comparison(material.name, source.name, entries)
 
 
 def _place(comparison: Comparison, name: str) -> Place | None:
     """The best entry of the codec of that name beside the best of the others; None if either is missing."""
-    mine = [entry for codec, entry in comparison.candidates if codec == name]
-    others = [entry for codec, entry in comparison.candidates if codec != name]
+    mine = [entry for entry in comparison.entries if entry.codec == name]
+    others = [entry for entry in comparison.entries if entry.codec != name]
     if not mine or not others:
         return None
     by_psnr = attrgetter("psnr")
@@ -177,7 +170,7 @@ def _at_budgets(source: Publication) -> Iterator[Comparison]:
     for budget in rungs.limits:
         for material in rungs.surfaces:
             height, width = rungs.shapes[material]
-            candidates = []
+            entries = []
             picks: Any = rungs.picks(budget, [material])[material].to_dict()
             found: Any = rungs.reached(budget, [material])[material].to_dict()
             for line, psnr in found.items():
@@ -186,8 +179,8 @@ def _at_budgets(source: Publication) -> Iterator[Comparison]:
                     bits = min(budget.most, 2 ** hull.sizes[-1])
                 else:
                     bits = bits_of_rung[picks[line]]
-                candidates.append(Candidate(codecs[line], Entry(line, round(bits * height * width / 8), psnr)))
-            yield Comparison(material, f"{source.name}, {in_words(budget)}", candidates)
+                entries.append(Entry(codecs[line], line, round(bits * height * width / 8), psnr))
+            yield Comparison(material, f"{source.name}, {in_words(budget)}", entries)
 
 
 def standing(name: str, places: Sequence[Place]) -> Table | None:
