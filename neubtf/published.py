@@ -24,6 +24,7 @@ from torch.nn import functional
 
 from bench.codec import Fit
 from bench.metrics.display import LOG_SCALE, decode_srgb
+from bench.records import grouped
 from bench.training import Batch, Samples, distance
 from neubtf.augmentation import Crop, draw_scale, taps_of
 from neubtf.autoencoder import Encoder, as_guidance, displayed, eight_bits
@@ -214,12 +215,12 @@ class Published(Guided):
     def batch(self, generator: torch.Generator) -> list[Elements]:
         """The elements of a step, drawn at random, in groups whose windows have one size."""
         settings, samples = self.settings, self.samples
-        windows_of_size: dict[Crop, list[Crop]] = {}  # by the window without its place and its scale
+        windows = []
         for _ in range(settings.slices):
             scale = draw_scale(settings.smallest, settings.keep_scale, generator)
             window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
-            windows_of_size.setdefault(window.at_origin(), []).append(window)
-        return [self.elements(windows, generator) for windows in windows_of_size.values()]
+            windows.append(window)
+        return [self.elements(alike, generator) for alike in grouped(windows, Crop.at_origin).values()]
 
     def elements(self, windows: list[Crop], generator: torch.Generator) -> Elements:
         """An element in each of some windows of one size; its pairs are drawn at random."""
@@ -243,14 +244,6 @@ class Published(Guided):
             texels=texels[:, inner],
             weights=weights[:, inner],
         )
-
-    def averaged(self, texels: Tensor, weights: Tensor, pairs: Tensor) -> Tensor:
-        """Log radiance (…, 3) of weighted means over texels (…, k), at pairs (…); the axes before k are broadcast."""
-        pair_of_texel = pairs[..., None]
-        shape = torch.broadcast_shapes(texels.shape, pair_of_texel.shape)
-        levels = self.samples.at(texels.expand(shape).flatten(), pair_of_texel.expand(shape).flatten()).target
-        radiance = levels.expm1().unflatten(0, shape)  # (…, k, 3)
-        return (radiance * weights[..., None]).sum(-2).log1p()
 
     def exposed(self, levels: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (E, 3, h, w) of parts of slices, exposed so that each whole slice has the guidance's mean.

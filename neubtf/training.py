@@ -131,12 +131,16 @@ class Guided(Objective):
 
     def rendered(self, latents: Tensor, texel: Tensor, pair: Tensor) -> Tensor:
         """Log radiance (n, 3) of some texels (n,) of latents (H · W, D), each at one pair (n,)."""
-        return self.answered(latents.index_select(0, texel), pair)
-
-    def answered(self, latents: Tensor, pair: Tensor) -> Tensor:
-        """Log radiance (n, 3) of latents (n, D), each at one pair."""
         wo, wi = self.samples.wo[pair], self.samples.wi[pair]
-        return render(self.renderer, latents, wo, wi, self.settings.directions)
+        return render(self.renderer, latents.index_select(0, texel), wo, wi, self.settings.directions)
+
+    def averaged(self, texels: Tensor, weights: Tensor, pairs: Tensor) -> Tensor:
+        """Log radiance (…, 3) of weighted means over texels (…, k), at pairs (…); the axes before k are broadcast."""
+        pair_of_texel = pairs[..., None]
+        shape = torch.broadcast_shapes(texels.shape, pair_of_texel.shape)
+        levels = self.samples.at(texels.expand(shape).flatten(), pair_of_texel.expand(shape).flatten()).target
+        radiance = levels.expm1().unflatten(0, shape)  # (…, k, 3)
+        return (radiance * weights[..., None]).sum(-2).log1p()
 
     def window_of_slices(self, window: Crop, texels: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); a rescale averages radiance.
@@ -265,13 +269,8 @@ class Staged(Guided):
         drawn_places = torch.randint(len(inner), size, generator=generator)
         texel = inner[drawn_places.to(latents.device, non_blocking=True)]  # (n,), of the window
         pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device, non_blocking=True)
-        # The truth is a weighted mean of the radiance of k texels of the window's source.
-        index, weight = example.window.taps(texel)  # (n, k)
-        source_texels = example.texels[index]
-        source_pairs = pair.repeat_interleave(index.shape[1])  # (n · k,)
-        levels = self.samples.at(source_texels.flatten(), source_pairs).target
-        radiance = levels.expm1().unflatten(0, index.shape)  # (n, k, 3)
-        truth = (radiance * weight[..., None]).sum(1).log1p()
+        index, weight = example.window.taps(texel)  # (n, k), of the window's source
+        truth = self.averaged(example.texels[index], weight, pair)
         loss = distance(self.rendered(latents, texel, pair), truth, self.settings.loss)
         return self.settings.explore_weight * loss if example.of_slice else loss
 

@@ -100,10 +100,7 @@ def prepared(material: Material, variant: Variant) -> Material:
 
 def networks(material: Material) -> list[Decoder]:
     """Every decoder network of a material, however deep."""
-    decoders: list[Decoder] = []
-    for root in _modules(material):
-        decoders += [module for module in root.modules() if isinstance(module, Decoder)]
-    return decoders
+    return [module for module in nn.ModuleList(_modules(material)).modules() if isinstance(module, Decoder)]
 
 
 def _modules(material: Material) -> list[nn.Module]:

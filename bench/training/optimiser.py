@@ -49,40 +49,35 @@ class Muon(torch.optim.Optimizer):
 
     def __init__(self, groups: Iterable[ParameterGroup]):
         super().__init__(groups, {"lr": 0.0})  # until `Optimisers.set_rates` sets the rate of each group
-        for p in _parameters(self.param_groups):
-            self.state[p] = {"momentum": torch.zeros_like(p)}
+        for matrix in _parameters(self.param_groups):
+            self.state[matrix] = {"momentum": torch.zeros_like(matrix)}
 
     @torch.no_grad()
     def step(self) -> None:  # type: ignore[override]  # no closure, because a fit computes its loss once a step
         """Move each matrix by its orthogonalised momentum, at its group's rate `lr`; one without a gradient stays."""
         for group in self.param_groups:
-            for p in group["params"]:
-                if p.grad is None:
+            for matrix in group["params"]:
+                if matrix.grad is None:
                     continue
-                momentum = self.state[p]["momentum"].lerp_(p.grad, 1 - MOMENTUM)  # a running mean of gradients
+                momentum = self.state[matrix]["momentum"].lerp_(matrix.grad, 1 - MOMENTUM)  # running mean of gradients
                 # Nesterov's momentum: the mean as it would be if the next gradient were this one again.
-                update = orthogonal(p.grad.lerp(momentum, MOMENTUM))
-                rows, columns = p.shape
+                update = orthogonal(matrix.grad.lerp(momentum, MOMENTUM))
+                rows, columns = matrix.shape
                 distance = group["lr"] * max(1.0, rows / columns) ** 0.5
                 if isinstance(distance, Tensor):  # the rate of a recorded step, see `Optimisers`
-                    p.sub_(update * distance)
+                    matrix.sub_(update * distance)
                 else:
-                    p.sub_(update, alpha=distance)
+                    matrix.sub_(update, alpha=distance)
 
 
 def groups_of(
     networks: Iterable[nn.Module], rate: float, optimiser: Optimiser, hidden_rate: float
 ) -> list[ParameterGroup]:
     """Parameter groups of some networks: all at `rate`; with Muon, hidden matrices at `hidden_rate`."""
-    networks = list(networks)
-    hidden: list[nn.Parameter] = []
-    if optimiser == "muon":
-        for network in networks:
-            hidden += hidden_matrices(network)
-    of_muon = {id(p) for p in hidden}
-    others: list[nn.Parameter] = []
-    for network in networks:
-        others += [p for p in network.parameters() if id(p) not in of_muon]
+    together = nn.ModuleList(networks)
+    hidden = hidden_matrices(together) if optimiser == "muon" else []
+    of_muon = {id(matrix) for matrix in hidden}
+    others = [parameter for parameter in together.parameters() if id(parameter) not in of_muon]
     groups: list[ParameterGroup] = [{"params": others, "lr": rate}]
     if hidden:
         groups.append({"params": hidden, "lr": hidden_rate, "hidden": True})
@@ -124,11 +119,11 @@ class Optimisers:
             adam = torch.optim.Adam(groups_of_name["adam"], lr=0.0, fused=True, capturable=records_graphs(device))
             self.optimiser_of_name["adam"] = adam
             # Adam makes its state at the first step; made now, it can be saved and restored before any step.
-            for p in _parameters(adam.param_groups):
-                adam.state[p] = {
+            for parameter in _parameters(adam.param_groups):
+                adam.state[parameter] = {
                     "step": torch.zeros((), device=device),
-                    "exp_avg": torch.zeros_like(p),
-                    "exp_avg_sq": torch.zeros_like(p),
+                    "exp_avg": torch.zeros_like(parameter),
+                    "exp_avg_sq": torch.zeros_like(parameter),
                 }
         if groups_of_name["muon"]:
             self.optimiser_of_name["muon"] = Muon(groups_of_name["muon"])
@@ -148,9 +143,9 @@ class Optimisers:
         """Every tensor of their states by name; not copies."""
         tensors = {}
         for name, optimiser in self.optimiser_of_name.items():
-            for i, p in enumerate(_parameters(optimiser.param_groups)):
-                for key, value in optimiser.state[p].items():
-                    tensors[f"{name}.{i}.{key}"] = value
+            for number, parameter in enumerate(_parameters(optimiser.param_groups)):
+                for key, value in optimiser.state[parameter].items():
+                    tensors[f"{name}.{number}.{key}"] = value
         return tensors
 
     def set_rates(self, rates: list[float]) -> None:

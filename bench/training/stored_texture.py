@@ -121,13 +121,10 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
     for rounding in roundings:
         rounding.trial = None
     noise: list[Tensor] = []  # of each texture, the error (C, n) of each channel with each number of bits
-    sizes: list[int] = []  # numbers of each channel
-    channels: list[int] = []  # of each texture
+    sizes: list[int] = []  # numbers of each channel of all textures
     for rounding, values in texture_of.items():
         noise.append(_added_errors(rounding, values, answers, exact, least))
-        flat = values.flatten(0, -2)
-        sizes += [len(flat)] * flat.shape[1]
-        channels.append(flat.shape[1])
+        sizes += [math.prod(values.shape[:-1])] * values.shape[-1]
     if wanted:  # so many on average, else as many as it takes to keep the error bearable
         bearable = 0.0
         total = wanted * sum(sizes)
@@ -135,7 +132,8 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
         bearable = BEARABLE * float((exact - target).square().mean())
         total = MOST_BITS * sum(sizes)
     bits = shared_out(torch.cat(noise).cpu(), torch.tensor(sizes), total, bearable, least)
-    for (rounding, values), chosen in zip(texture_of.items(), bits.split(channels), strict=True):
+    of_textures = bits.split([len(errors) for errors in noise])
+    for (rounding, values), chosen in zip(texture_of.items(), of_textures, strict=True):
         rounding.set(values, chosen)
 
 

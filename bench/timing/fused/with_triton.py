@@ -215,18 +215,11 @@ class TritonNetwork(Network):
         n = len(first)
         inputs, width, last = self.shape
         first = _with_rows(first)
-        # A kernel needs a pointer for each input; of no channels it reads none.
-        texels = uv
-        height = across = 1
-        channels = 0
-        if texture is not None:
-            texels = texture
-            height, across, channels = texture.shape
-        other = first
-        others = 0
-        if second is not None:
-            other = _with_rows(second)
-            others = second.shape[1]
+        # A kernel needs a pointer for each input, also for one of no channels, of which it reads nothing.
+        texels = uv if texture is None else texture
+        height, across, channels = (1, 1, 0) if texture is None else texture.shape
+        other = first if second is None else _with_rows(second)
+        others = 0 if second is None else second.shape[1]
         out = first.new_empty(n, self.outputs, dtype=torch.float32)
         if n:
             _network[(triton.cdiv(n, BLOCK),)](
