@@ -10,6 +10,7 @@ of each slice's own, 0.8 over its 99th percentile. A slice counts at most 48.13 
 import argparse
 
 import numpy as np
+import pandas as pd
 
 import bench
 from bench.btf import BTF
@@ -42,8 +43,8 @@ def conventions(truth: Array, answer: Array) -> dict[str, float]:
         "display, each slice's own exposure": (displayed(own * truth), displayed(own * answer)),
     }
     found = {}
-    for name, (a, b) in compared.items():
-        found[name] = min(MOST_DB, float(psnr(float(np.square(a - b).mean()))))
+    for name, (true, ours) in compared.items():
+        found[name] = min(MOST_DB, float(psnr(np.square(true - ours).mean())))
     return found
 
 
@@ -52,12 +53,11 @@ def table(material: Material, btf: BTF) -> dict[str, float]:
     split = btf.split()
     scale = exposure(btf.subset(split.train))
     pairs = np.concatenate([*split.heldout.values()])
-    chosen = np.sort(np.random.default_rng(0).permutation(pairs)[:SLICES])
     rows = []
-    for pair in chosen:
+    for pair in np.random.default_rng(0).permutation(pairs)[:SLICES]:
         answer = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist()).numpy()
         rows.append(conventions(scale * btf[pair].clip(0), scale * answer.clip(0)))
-    return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
+    return pd.DataFrame(rows).mean().to_dict()
 
 
 def main() -> None:

@@ -72,13 +72,21 @@ def strip(work: Path, material: str, codecs: tuple[str, ...], scene: str, width:
     if not path.exists():
         shown = ["--scene", scene, "--width", str(width), "--rays", "3", "-o", str(path)]
         done(["render", *map(str, files), "--truth", material, *TRUTH, *shown])
-    picture = body(path)
-    _, top, _, bottom = picture.getbbox() or (0, 0, *picture.size)  # what is transparent above and below is left out
+    names = ["truth"]
+    for codec, file in zip(codecs, files, strict=True):
+        names.append(f"{codec}, {file.stat().st_size / 1e3:.0f} kB")
+    return labelled(body(path), names)
+
+
+def labelled(picture: Image.Image, names: list[str]) -> Image.Image:
+    """A picture of columns of one width with a line of their names below, and nothing transparent above and below."""
+    _, top, _, bottom = picture.getbbox() or (0, 0, *picture.size)
     picture = picture.crop((0, top, picture.width, bottom))
     whole = Image.new("RGBA", (picture.width, picture.height + LABEL))
     whole.paste(picture, (0, 0))
-    draw, font = ImageDraw.Draw(whole), ImageFont.load_default(size=LABEL * 0.62)
-    names = ["truth", *(f"{c}, {f.stat().st_size / 1e3:.0f} kB" for c, f in zip(codecs, files, strict=True))]
+    draw = ImageDraw.Draw(whole)
+    font = ImageFont.load_default(size=LABEL * 0.62)
+    width = picture.width / len(names)
     for number, name in enumerate(names):
         draw.text(((number + 0.5) * width, picture.height + LABEL / 2), name, still.GREY, font, anchor="mm")
     return whole
@@ -90,11 +98,12 @@ def scenes(work: Path) -> Image.Image:
     for material, (scene, *words) in SCENES.items():
         path = work / f"scene-{scene}.png"
         if not path.exists():
-            width = "427" if scene == "table-top" else "240"
-            shown = ["--scene", scene, *words, "--width", width, "--rays", "3", "-o", str(path)]
+            wide = "427" if scene == "table-top" else "240"
+            shown = ["--scene", scene, *words, "--width", wide, "--rays", "3", "-o", str(path)]
             done(["render", str(fitted(work, material, "relief")), *shown])
         pictures.append(body(path))
-    whole = Image.new("RGBA", (sum(p.width for p in pictures), max(p.height for p in pictures)))
+    width = sum(picture.width for picture in pictures)
+    whole = Image.new("RGBA", (width, max(picture.height for picture in pictures)))
     left = 0
     for picture in pictures:
         whole.paste(picture, (left, 0))

@@ -41,11 +41,10 @@ GUARDED = {  # by pattern of modules: paths under tests/
     "reports/rungs.py": ["reports/test_rungs.py", "reports/test_front.py"],
     "bench/data/readers/*.py": ["bench/data/readers"],
 }
-OTHER = {  # by operator: the one that a mistake puts in its place
-    **{ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And},
-    **{ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq},
-    **{ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In},
-}
+# By operator: the one that a mistake puts in its place.
+OTHER = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And}
+OTHER |= {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
+OTHER |= {ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In}
 
 
 def changed(node: ast.AST) -> str:
@@ -67,7 +66,8 @@ def changed(node: ast.AST) -> str:
             return f"{node.name}: dropped {ast.unparse(last).splitlines()[0]}"
         case _:
             return ""
-    return "" if isinstance(node, ast.Call) and ast.unparse(node) == before else f"{before} -> {ast.unparse(node)}"
+    after = ast.unparse(node)
+    return "" if after == before else f"{before} -> {after}"  # equal for a call of two like arguments
 
 
 def planted(path: Path, rng: random.Random) -> tuple[str, str] | None:
@@ -122,9 +122,10 @@ def main() -> None:
             place = folder / path.relative_to(ROOT)
             sound = place.read_text(encoding="utf-8")
             place.write_text(text, encoding="utf-8")
-            found.append(noticed(folder, GUARDED[pattern]))
+            is_noticed = noticed(folder, GUARDED[pattern])
+            found.append(is_noticed)
             place.write_text(sound, encoding="utf-8")
-            print("noticed" if found[-1] else "MISSED ", what, flush=True)
+            print("noticed" if is_noticed else "MISSED ", what, flush=True)
     print(f"{sum(found)} of {len(found)} noticed")
 
 

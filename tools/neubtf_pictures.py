@@ -11,9 +11,10 @@ the page quotes.
 """
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -35,11 +36,13 @@ from bench.directions.hemisphere import from_degrees, to_degrees
 from bench.inputs.errors import did_you_mean
 from bench.material import Material
 from bench.metrics import DEFAULTS, chosen_names, metric_of
-from bench.metrics.angular import THETA_EDGES_DEG
+from bench.metrics.angular import RINGS, THETA_EDGES_DEG
 from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
+from bench.metrics.psnr import psnr
 from bench.metrics.scoring import Scorer
 from bench.records import SSIM
 from bench.runs.suite import load_suite
+from bench.training import load_texture
 from neubtf import latents, propagation
 from neubtf.codec import NeuBTF
 from neubtf.guidance import RADIANCE, Treatment, guidance_of
@@ -61,13 +64,16 @@ SCALES = (1, 3 / 4, 1 / 2, 1 / 4, 1 / 8)
 PAPER: dict[str, Any] = {"recipe": "paper"}
 # End to end from the first step, on single samples alone: the way to a useful encoder in some minutes of one core.
 BRIEF: dict[str, Any] = {"steps": 1800, "direct": 0.0, "taught": 0.0, "explore": 0.1}
-# By the name of a fit's file: its settings, and what pictures call it.
-FITS = {"paper": (PAPER, "the paper's\nrecipe"), "brief": (BRIEF, "short fit")}
-# "ours": half the steps show random slices, half of which are rescaled. "paper": all are random and rescaled.
-SCALED = {
-    "ours": BRIEF | {"smallest": 0.25, "explore": 0.5, "steps": 3600},
-    "paper": {"recipe": "paper", "smallest": 0.25, "steps": 3600},
+FITS = {"paper": "the paper's\nrecipe", "brief": "short fit"}  # by kind of fit: what pictures call it
+# By kind of fit, which is in the name of its file. Of those at several scales, "ours" shows random slices in half the
+# steps, half of which are rescaled; "paper" in all, all rescaled.
+SETTINGS: dict[str, dict[str, Any]] = {
+    "paper": PAPER,
+    "brief": BRIEF,
+    "scaled-ours": BRIEF | {"smallest": 0.25, "explore": 0.5, "steps": 3600},
+    "scaled-paper": PAPER | {"smallest": 0.25, "steps": 3600},
 }
+MOST_PAIRS = 150  # held-out pairs over which a figure is a mean
 
 
 class Bench:
@@ -80,24 +86,12 @@ class Bench:
         """A material with validation pairs; of a measured one about 1,000 pairs."""
         return open_material(named(name), Preparation(size=size, texels=size, pairs=1_000, split="validation"), silent)
 
-    def quarter(
-        self, name: str, kind: str = "paper", settings: dict[str, Any] | None = None, size: int = SIZE
-    ) -> FittedMaterial:
-        """The fitted material in `file_of_quarter`."""
-        return FittedMaterial.read(self.file_of_quarter(name, kind, settings, size))
-
-    def file_of_quarter(
-        self, name: str, kind: str = "paper", settings: dict[str, Any] | None = None, size: int = SIZE
-    ) -> Path:
-        """The file of NeuBTF, fitted to the upper left quarter of a material, which is not periodic.
-
-        `kind` is part of the file's name; without `settings` it chooses them in `FITS`.
-        """
-        if settings is None:
-            settings, _ = FITS[kind]
+    def quarter(self, name: str, kind: str = "paper", size: int = SIZE) -> FittedMaterial:
+        """NeuBTF, fitted to the upper left quarter of a material, which is not periodic, by one of `SETTINGS`."""
         btf = self.btf(name, size)
         part = btf.subset(btf.split().train).crop(0, 0, btf.shape[0] // 2, btf.shape[1] // 2)
-        return self.file(part, NeuBTF(keep_encoder=True, **settings), Path(name).name, kind)
+        codec = NeuBTF(keep_encoder=True, **SETTINGS[kind])
+        return FittedMaterial.read(self.file(part, codec, Path(name).name, kind))
 
     def of_table_1(self, name: str) -> tuple[FittedMaterial, BTF]:
         """NeuBTF by the paper's recipe, fitted to a whole material as in `paper-nearest`, and that material."""
@@ -130,9 +124,9 @@ class Bench:
 
 
 def heldout(btf: BTF) -> Array:
-    """At most 150 of the held-out pairs, validation or test, evenly spread."""
-    pairs = np.sort(np.concatenate(list(btf.split().heldout.values())))
-    return pairs[:: -(-len(pairs) // 150)]
+    """At most `MOST_PAIRS` of the held-out pairs, validation or test, evenly spread."""
+    pairs = np.sort(np.concatenate([*btf.split().heldout.values()]))
+    return pairs[:: math.ceil(len(pairs) / MOST_PAIRS)]
 
 
 def guided(source: FittedMaterial, picture: Array, treatment: Treatment) -> NeuBTFMaterial:
@@ -153,51 +147,70 @@ def frontal(btf: BTF) -> Array:
 def propagated(btf: BTF, material: NeuBTFMaterial) -> list[float]:
     """Pooled display PSNR in dB: of the quarter that was seen, of the rest, and, on the rest, of the mean ABRDF of the
     quarter."""
-    shown, seen = exposure(btf), np.zeros(btf.shape, bool)
+    shown = exposure(btf)
+    seen = np.zeros(btf.shape, bool)
     seen[: btf.shape[0] // 2, : btf.shape[1] // 2] = True
-    found = []
+    errors = []
     for pair in heldout(btf):
-        linear = btf[pair]
-        truth, mean = to_display(linear, shown), to_display(linear[seen].mean(0), shown)
-        error = np.square(to_display(material.slice(*at(btf, pair)).numpy(), shown) - truth)
-        found.append([error[seen].mean(), error[~seen].mean(), np.square(truth[~seen] - mean).mean()])
-    decibels: list[float] = (-10 * np.log10(np.mean(found, 0))).tolist()
-    return decibels
+        truth = to_display(btf[pair], shown)
+        mean = to_display(btf[pair][seen].mean(0), shown)
+        error = np.square(to_display(decoded(material, btf, pair), shown) - truth)
+        errors.append([error[seen].mean(), error[~seen].mean(), np.square(truth[~seen] - mean).mean()])
+    return pooled(errors)
 
 
-def at(btf: BTF, pair: int) -> tuple[list[float], list[float]]:
-    """View and light of a pair, unit vectors, as `Material.slice` takes them."""
-    return btf.wo[pair].tolist(), btf.wi[pair].tolist()
+def pooled(errors: Sequence[Sequence[float]]) -> list[float]:
+    """The PSNR in dB of each column's mean; a row has the mean squared errors of one pair."""
+    return list(map(float, psnr(np.mean(errors, 0))))
+
+
+def decoded(material: Material, btf: BTF, pair: int) -> Array:
+    """The slice (H, W, 3) of a material, linear, at a pair of a BTF."""
+    return material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist()).numpy()
 
 
 def direction(angles: tuple[float, float]) -> list[float]:
     """The unit vector (3,) of θ and φ in degrees."""
-    found: list[float] = from_degrees(*angles).tolist()
-    return found
+    return list(map(float, from_degrees(*angles)))
 
 
 def shot(material: Material, pair: Any, shown: float) -> Array:
-    """A slice of a material as it is displayed, (H, W, 3)."""
+    """A slice of a material as it is displayed, (H, W, 3), at a view and a light in degrees."""
     wo, wi = pair
     return to_display(material.slice(direction(wo), direction(wi)).numpy(), shown)
+
+
+def shots(source: FittedMaterial, picture: Array, treatment: Treatment, pairs: Sequence[Any]) -> list[Array]:
+    """A linear picture (H, W, 3) as guidance shows it, and the slices at some pairs of the material that it gives."""
+    material = guided(source, picture, treatment)
+    guidance = encode_srgb(resize(picture, material.size))
+    return [guidance, *(shot(material, pair, source.exposure) for pair in pairs)]
+
+
+def grey(values: Array) -> Array:
+    """A picture (H, W) of one linear value a texel as one of three equal channels, (H, W, 3)."""
+    return np.repeat(values[..., None], 3, 2).astype(np.float32)
 
 
 def lit_from(pair: Any) -> str:
     """View and light of a pair of angles in words; the view is left out if it is from above."""
     (view, _), (light, azimuth) = pair
-    seen = f"seen from {view:g}°,\n" if view else ""
-    return f"{seen}lit from {light:g}°" + (f", φ {azimuth:g}°" if light else "")
+    words = f"lit from {light:g}°"
+    if light:
+        words += f", φ {azimuth:g}°"
+    return f"seen from {view:g}°,\n{words}" if view else words
 
 
 def grid(
     rows: Sequence[Sequence[Array]], titles: Sequence[str], names: Sequence[str], side: float = 1.9, text: float = 8
 ) -> Figure:
     """Pictures in rows and columns, each `side` inches wide; titles above and names beside have `text` points."""
-    shape = rows[0][0].shape
-    high, lines = side * shape[0] / shape[1], 1 + max(title.count("\n") for title in titles)
-    figure = Figure(
-        figsize=(side * len(titles) + text / 27, high * len(rows) + lines * text / 27), layout="constrained"
-    )
+    pixels_high, pixels_wide, _ = rows[0][0].shape
+    line = text / 27  # inches
+    lines = 1 + max(title.count("\n") for title in titles)
+    width = side * len(titles) + line
+    height = side * pixels_high / pixels_wide * len(rows) + lines * line
+    figure = Figure(figsize=(width, height), layout="constrained")
     figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02, wspace=0, hspace=0)  # type: ignore[union-attr]
     every: Any = figure.subplots(len(rows), len(titles), squeeze=False)
     for axes_row, pictures, name in zip(every, rows, names, strict=True):
@@ -231,14 +244,14 @@ def draw_propagation(bench: Bench) -> None:
         for pair in _near(btf, PAIRS[1]), _near(btf, PAIRS[3]):
             row.append(to_display(btf[pair], shown))
             for material in materials:
-                row.append(to_display(material.slice(*at(btf, pair)).numpy(), shown))
+                row.append(to_display(decoded(material, btf, pair), shown))
         rows.append(row)
-    names = [what for _, what in FITS.values()]
-    titles = ["guidance", "truth,\nlit aslant", *names, "truth,\nseen aslant", *names]
+    titles = ["guidance", "truth,\nlit aslant", *FITS.values(), "truth,\nseen aslant", *FITS.values()]
     figure = grid(rows, titles, labels, text=LARGE)
-    for axes in figure.axes:
-        line, middle = {"color": "white", "linewidth": 0.8, "linestyle": (0, (3, 3))}, SIZE / 2 - 0.5
-        axes.plot([middle, middle, -0.5], [-0.5, middle, middle], **line)
+    middle = SIZE / 2 - 0.5
+    for axes in figure.axes:  # two sides of the quarter
+        dashed = {"color": "white", "linewidth": 0.8, "linestyle": (0, (3, 3))}
+        axes.plot([middle, middle, -0.5], [-0.5, middle, middle], **dashed)
     bench.save(figure, "propagation.jpg")
 
 
@@ -253,22 +266,19 @@ def draw_photograph(bench: Bench) -> None:
     """The grey photographs that the built-in reliefs were cut from, whole, at the scale of the fitted texels."""
     rows, names = [], []
     for photograph, what in ((data.gravel(), "gravel"), (data.grass(), "grass, as gravel")):
-        for kind, (_, recipe) in FITS.items():
-            source = bench.quarter("gravel", kind)
-            picture = np.repeat(decode_srgb(photograph[..., None] / 255), 3, 2).astype(np.float32)
-            material = guided(source, picture, Treatment(scale=SIZE / CUT))
-            small = resize(picture, material.size)
-            pictures = [encode_srgb(small), *(shot(material, pair, source.exposure) for pair in PAIRS[:3])]
-            rows.append([picture[:200, :300] for picture in pictures])
+        picture = grey(decode_srgb(photograph / 255))
+        for kind, recipe in FITS.items():
+            pictures = shots(bench.quarter("gravel", kind), picture, Treatment(scale=SIZE / CUT), PAIRS[:3])
+            rows.append([each[:200, :300] for each in pictures])
             names.append(f"{what},\n{recipe}")
-    titles = ["photograph,\na part", *(lit_from(pair) for pair in PAIRS[:3])]
+    titles = ["photograph,\na part", *map(lit_from, PAIRS[:3])]
     bench.save(grid(rows, titles, names, 2.4, LARGE), "photograph.jpg")
 
 
 def draw_tileable(bench: Bench) -> None:
     """Four copies side by side, of a guidance as it is, and of one that was blended."""
     source = bench.quarter("gravel")
-    picture = np.repeat(decode_srgb(data.gravel()[100:330, 240:470, None] / 255), 3, 2).astype(np.float32)
+    picture = grey(decode_srgb(data.gravel()[100:330, 240:470] / 255))
     pairs = np.array([[direction(wo), direction(wi)] for wo, wi in PAIRS])
     row, titles = [], []
     for margin, name in ((0.0, "as it is"), (1 / 6, "--make-tileable")):
@@ -293,13 +303,10 @@ def draw_edits(bench: Bench) -> None:
         ("satin", jacquard(thread=26)[:160, :200], "a draft,\nas satin"),
         ("gravel", decode_srgb(data.coins()[2:162, 10:210] / 255), "coins,\nas gravel"),
     ):
-        for kind, (_, recipe) in FITS.items():
-            source = bench.quarter(name, kind)
-            picture = np.repeat(structure[..., None], 3, 2).astype(np.float32)
-            material = guided(source, picture, Treatment())
-            rows.append([encode_srgb(picture), *(shot(material, pair, source.exposure) for pair in EDITED)])
+        for kind, recipe in FITS.items():
+            rows.append(shots(bench.quarter(name, kind), grey(structure), Treatment(), EDITED))
             names.append(f"{what},\n{recipe}")
-    bench.save(grid(rows, ["guidance", *(lit_from(pair) for pair in EDITED)], names, 2.3, LARGE), "edits.jpg")
+    bench.save(grid(rows, ["guidance", *map(lit_from, EDITED)], names, 2.3, LARGE), "edits.jpg")
 
 
 def draw_published(bench: Bench) -> None:
@@ -315,14 +322,11 @@ def draw_published(bench: Bench) -> None:
     for name, edits in structures.items():
         source, btf = bench.of_table_1(name)
         for structure, scale, what in edits:
-            picture = np.repeat(structure[..., None], 3, 2).astype(np.float32)
-            material = guided(source, picture, Treatment(scale=scale))
-            small = resize(picture, material.size)
-            pictures = [encode_srgb(small), *(shot(material, pair, source.exposure) for pair in EDITED)]
+            pictures = shots(source, grey(structure), Treatment(scale=scale), EDITED)
             rows.append([each[:160, :200] for each in pictures])
             names.append(what)
         print_levels(name, levels(source, btf, btf.shape))
-    bench.save(grid(rows, ["guidance", *(lit_from(pair) for pair in EDITED)], names, 2.3, LARGE), "published.jpg")
+    bench.save(grid(rows, ["guidance", *map(lit_from, EDITED)], names, 2.3, LARGE), "published.jpg")
 
 
 def hexagons(side: float, joint: float) -> Array:
@@ -351,17 +355,17 @@ def draw_levels(bench: Bench) -> None:
     """Does a smaller guidance give what a smaller picture of the material shows? On the quarter that was fitted."""
     btf = bench.btf("brick", SCALED_SIZE)
     rows, columns = btf.shape
-    for kind, settings in SCALED.items():
-        source = bench.quarter("brick", f"scaled-{kind}", settings, SCALED_SIZE)
+    for kind in ("ours", "paper"):
+        source = bench.quarter("brick", f"scaled-{kind}", SCALED_SIZE)
         print_levels(kind, levels(source, btf, (rows // 2, columns // 2)))
 
 
 def print_levels(name: str, found: list[list[float]]) -> None:
     """Print what `levels` found as a table with this name above it."""
     print(f"{name}:\n| scale | R(A(G↓)) to truth↓ | R(A(G))↓ to truth↓ | R(A(G↓)) to R(A(G))↓ |\n|" + " --- |" * 4)
-    for scale, psnr in zip(SCALES, found, strict=True):
+    for scale, decibels in zip(SCALES, found, strict=True):
         cells = [f"{scale:g}"]
-        for value in psnr:
+        for value in decibels:
             cells.append(f"{value:.2f}" if value < 100 else "same")
         print(f"| {' | '.join(cells)} |", flush=True)
 
@@ -381,20 +385,19 @@ def levels(source: FittedMaterial, btf: BTF, fitted: tuple[int, int]) -> list[li
         errors = []
         for pair in heldout(btf)[::3]:
             truth = to_display(resize(btf[pair][:rows, :columns], small.size), shown)
-            after = to_display(resize(whole.slice(*at(btf, pair)).numpy(), small.size), shown)
-            before = to_display(resize(small.slice(*at(btf, pair)).numpy(), small.size), shown)
-            compared = ((before, truth), (after, truth), (before, after))
-            errors.append([np.square(a - b).mean() for a, b in compared])
-        found.append((-10 * np.log10(np.maximum(np.mean(errors, 0), 1e-12))).tolist())
+            after = to_display(resize(decoded(whole, btf, pair), small.size), shown)
+            before = to_display(decoded(small, btf, pair), shown)
+            differences = (before - truth, after - truth, before - after)
+            errors.append([np.square(difference).mean() for difference in differences])
+        found.append(pooled(errors))
     return found
 
 
 def draw_latents(bench: Bench) -> None:
     """The channels of two neural textures, as `neubtf-bench latents` draws them."""
     for name in ("brick", "satin"):
-        material = loading.load(bench.file_of_quarter(name))[1]
-        assert isinstance(material, NeuBTFMaterial)
-        latents.draw(material.texture, bench.out / f"neubtf-latents-{name}.png")
+        texture = load_texture("latents", bench.quarter(name).parts.texture)
+        latents.draw(texture, bench.out / f"neubtf-latents-{name}.png")
 
 
 def draw_failure(bench: Bench) -> None:
@@ -402,37 +405,46 @@ def draw_failure(bench: Bench) -> None:
     btf = bench.btf(FAILING, SMALL)
     codecs = [load_codec(name)(steps=2_500) for name in ("neubtf", "neumip")]
     files = {codec.name: bench.file(btf.subset(btf.split().train), codec, FAILING, str(SMALL)) for codec in codecs}
-    materials = {name: loading.load(path)[1] for name, path in files.items()}
-    held = heldout(btf)
-    ring = np.digitize(to_degrees(btf.wo[held])[0], THETA_EDGES_DEG[1:-1])
-    rings = [ring == i for i in range(5)]
-    columns = [column for material in materials.values() for column in _by_ring(btf, material, held, rings)]
-    _print_rings(materials, rings, columns)
+    materials = {name: loading.load(path).material for name, path in files.items()}
+    by_ring = {name: _by_ring(btf, material) for name, material in materials.items()}
+    _print_rings(by_ring)
     figure = Figure(figsize=(8, 8.6), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=[1, 2])
-    labels = [f"{name}, {path.stat().st_size / 1e3:.0f} kB" for name, path in files.items()]
-    _draw_rings(top, labels, columns)
+    sizes = {name: path.stat().st_size for name, path in files.items()}
+    _draw_rings(top, {f"{name}, {sizes[name] / 1e3:.0f} kB": rings for name, rings in by_ring.items()})
     _draw_slices(bottom, btf, materials)
     bench.save(figure, "failure.png")
 
 
-def _by_ring(btf: BTF, material: Material, held: Array, rings: Sequence[Array]) -> tuple[list[float], list[float]]:
-    """Pooled display PSNR in dB, and mean SSIM, of a material at the pairs `held` (n,), for each ring, a mask (n,)."""
+class Ring(NamedTuple):
+    """What a codec reaches at the held-out pairs whose view lies in a ring of 15°."""
+
+    pairs: int
+    psnr: float  # in dB, as displayed, pooled
+    ssim: float  # mean
+
+
+def _by_ring(btf: BTF, material: Material) -> list[Ring]:
+    """What a material reaches in each ring of views, from above to the horizon."""
+    pairs = heldout(btf)
+    number = np.digitize(to_degrees(btf.wo[pairs])[0], THETA_EDGES_DEG[1:-1])  # of each pair's ring
     ssim = metric_of(chosen_names(DEFAULTS, btf.periodic), SSIM)
     scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
-    scores = scorer.score(held, lambda pair: material.slice(*at(btf, pair)).numpy())
-    psnr = [float(-10 * np.log10(scores.raw["psnr_display"][ring].mean())) for ring in rings]
-    alike = [float(scores.raw[ssim][ring].mean()) for ring in rings]
-    return psnr, alike
+    raw = scorer.score(pairs, lambda pair: decoded(material, btf, pair)).raw
+    rings = []
+    for ring in range(RINGS - 1):  # no views lie in the last one
+        inside = number == ring
+        decibels = float(psnr(raw["psnr_display"][inside].mean()))
+        rings.append(Ring(int(inside.sum()), decibels, float(raw[ssim][inside].mean())))
+    return rings
 
 
-def _draw_rings(place: Any, labels: Sequence[str], columns: Sequence[Sequence[float]]) -> None:
-    """Draw two panels, PSNR and SSIM by angle of view, with a curve for each of two codecs; `columns` are those of
-    `_print_rings`."""
+def _draw_rings(place: Any, by_label: Mapping[str, Sequence[Ring]]) -> None:
+    """Draw two panels, PSNR and SSIM by angle of view, with a curve for each of two codecs."""
     panels: Any = place.subplots(1, 2)
-    for axes, what, curves in zip(panels, ("display PSNR, dB", "SSIM"), (columns[::2], columns[1::2]), strict=True):
-        for label, values, style in zip(labels, curves, ("o-", "s--"), strict=True):
-            axes.plot(np.arange(5) * 15 + 7.5, values, style, label=label)
+    for axes, what, field in zip(panels, ("display PSNR, dB", "SSIM"), ("psnr", "ssim"), strict=True):
+        for (label, rings), style in zip(by_label.items(), ("o-", "s--"), strict=True):
+            axes.plot(np.arange(len(rings)) * 15 + 7.5, [getattr(ring, field) for ring in rings], style, label=label)
         axes.set_xlabel("angle of view θₒ in degrees", fontsize=LARGE)
         axes.set_title(what, fontsize=LARGE)
         axes.set_xticks(range(0, 76, 15))
@@ -442,17 +454,14 @@ def _draw_rings(place: Any, labels: Sequence[str], columns: Sequence[Sequence[fl
     panels[1].legend(frameon=False, fontsize=LARGE)
 
 
-def _print_rings(names: Iterable[str], rings: Sequence[Array], columns: Sequence[Sequence[float]]) -> None:
-    """Print a table of PSNR and SSIM by angle of view.
-
-    `rings` are masks of the held-out pairs of each ring of 15°; `columns` are PSNR and SSIM by ring, codec by codec.
-    """
-    print("| θₒ in degrees | pairs | " + " | ".join(f"{name}, dB | SSIM" for name in names) + " |")
-    print("|" + " --- |" * (2 + len(columns)))
-    for i, ring in enumerate(rings):
-        cells = [f"{15 * i}–{15 * i + 15}", str(int(ring.sum()))]
-        for psnr, ssim in zip(columns[::2], columns[1::2], strict=True):
-            cells += [f"{psnr[i]:.1f}", f"{ssim[i]:.3f}"]
+def _print_rings(by_codec: Mapping[str, Sequence[Ring]]) -> None:
+    """Print a table of PSNR and SSIM by angle of view, two columns a codec."""
+    print("| θₒ in degrees | pairs | " + " | ".join(f"{name}, dB | SSIM" for name in by_codec) + " |")
+    print("|" + " --- |" * (2 + 2 * len(by_codec)))
+    for number, of_codecs in enumerate(zip(*by_codec.values(), strict=True)):
+        cells = [f"{15 * number}–{15 * number + 15}", str(of_codecs[0].pairs)]
+        for ring in of_codecs:
+            cells += [f"{ring.psnr:.1f}", f"{ring.ssim:.3f}"]
         print(f"| {' | '.join(cells)} |")
 
 
@@ -460,12 +469,14 @@ def _draw_slices(place: Any, btf: BTF, materials: Mapping[str, Material]) -> Non
     """Truth and codecs, from above and from a grazing view, with the PSNR of each slice."""
     shown = exposure(btf)
     every = place.subplots(2, 1 + len(materials))
-    for row, pair in enumerate((_near(btf, (UP, (30.0, 45.0))), _near(btf, ((70.0, 270.0), (30.0, 45.0))))):
+    from_above, grazing = (UP, (30.0, 45.0)), ((70.0, 270.0), (30.0, 45.0))
+    for row, angles in enumerate((from_above, grazing)):
+        pair = _near(btf, angles)
         truth = to_display(btf[pair], shown)
         pictures = {f"truth, θₒ = {float(to_degrees(btf.wo[pair])[0]):.0f}°": truth}
         for name, material in materials.items():
-            ours = to_display(material.slice(*at(btf, pair)).numpy(), shown)
-            pictures[f"{name}, {-10 * np.log10(np.square(ours - truth).mean()):.1f} dB"] = ours
+            ours = to_display(decoded(material, btf, pair), shown)
+            pictures[f"{name}, {psnr(np.square(ours - truth).mean()):.1f} dB"] = ours
         for axes, (name, picture) in zip(every[row], pictures.items(), strict=True):
             axes.imshow(picture, interpolation="nearest")
             axes.set_axis_off()

@@ -63,11 +63,11 @@ def trials(codec: str) -> list[dict[str, Any]]:
     hidden = "latent_rate" if adam else "hidden_rate"  # Adam has no rate of hidden matrices
     changes: list[dict[str, Any]] = [{}, {"optimiser": "muon" if adam else "adam"}]
     changes += [{"rate": default["rate"] * factor} for factor in (0.5, 2)]
-    changes += [{hidden: default[hidden] / 2}]
+    changes.append({hidden: default[hidden] / 2})
     changes += [{batch: int(default[batch] * factor)} for factor in (0.5, 2)]
-    changes += [{"start": START.get(codec, "components")}]
+    changes.append({"start": START.get(codec, "components")})
     changes += [{"loss": loss} for loss in LOSSES.get(codec, ("l1", "display"))]
-    changes += [{"weights": "half" if default["weights"] == "int8" else "int8"}]
+    changes.append({"weights": "half" if default["weights"] == "int8" else "int8"})
     return changes + OWN[codec]
 
 
@@ -137,12 +137,17 @@ def run(options: argparse.Namespace) -> None:
                 if key(trial) in done:
                     continue
                 trial = tried(trial, btf)
-                with options.out.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(trial) + "\n")
-                    file.flush()
-                    os.fsync(file.fileno())
+                add(trial, options.out)
                 result = trial.get("error") or f"{trial['psnr']:.2f} dB, {trial['bytes']:,} bytes"
                 print(f"{surface}, {codec} {words(change)}, seed {seed}: {result}", flush=True)
+
+
+def add(trial: dict[str, Any], out: Path) -> None:
+    """Add the row of a trial to the file, at once on the disk, so that a fit is not lost."""
+    with out.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(trial) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def table(rows: list[dict[str, Any]]) -> str:
