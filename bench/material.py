@@ -4,7 +4,7 @@ Frame, units and colour space: see `bench.btf`.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, overload
@@ -213,12 +213,12 @@ class Material:
         counts = [len(centres) for centres in places]
         # All boxes are one batch: a batch of the few boxes of a large factor takes as long as one of many.
         uv = torch.cat(places)
-        footprints = [
-            torch.full((count,), factor / max(height, width)) for factor, count in zip(factors, counts, strict=True)
-        ]
-        view, light = (torch.as_tensor(w, dtype=torch.float32).expand(len(uv), 3) for w in (wo, wi))
-        answers = self.query(uv, view, light, torch.cat(footprints)).split(counts)
-        return {f: rgb.reshape(height // f, width // f, 3) for f, rgb in zip(factors, answers, strict=True)}
+        footprints = torch.tensor(factors).repeat_interleave(torch.tensor(counts)) / max(height, width)
+        view, light = (torch.as_tensor(side, dtype=torch.float32).expand(len(uv), 3) for side in (wo, wi))
+        pictures = {}
+        for factor, answers in zip(factors, self.query(uv, view, light, footprints).split(counts), strict=True):
+            pictures[factor] = answers.reshape(height // factor, width // factor, 3)
+        return pictures
 
 
 class Wrapped(Material):
@@ -244,20 +244,21 @@ def parameters(material: Material) -> int:
 
 def resident_bytes(material: Material) -> int:
     """Bytes of a decoder in memory: textures with their levels and copies, tables, networks."""
-    attributes = [*vars(material).values()]
-    storages = {}  # bytes by address: tensors that share memory count once
-    for value in attributes:
-        if isinstance(value, Material):  # a wrapped one: its attributes join the list, which this loop still walks
-            attributes += vars(value).values()
-        tensors: list[Tensor] = []
-        if isinstance(value, nn.Module):
-            tensors = [*value.parameters(), *value.buffers()]
-        elif isinstance(value, Tensor):
-            tensors = [value]
-        for tensor in tensors:
-            storage = tensor.untyped_storage()
-            storages[storage.data_ptr()] = storage.nbytes()
+    # By address: tensors that share memory count once.
+    storages = {tensor.untyped_storage().data_ptr(): tensor.untyped_storage().nbytes() for tensor in _tensors(material)}
     return sum(storages.values())
+
+
+def _tensors(material: Material) -> Iterator[Tensor]:
+    """Every tensor that a material holds, also in its networks and in a material that it wraps."""
+    for value in vars(material).values():
+        if isinstance(value, Material):
+            yield from _tensors(value)
+        elif isinstance(value, nn.Module):
+            yield from value.parameters()
+            yield from value.buffers()
+        elif isinstance(value, Tensor):
+            yield value
 
 
 def layers(material: Material) -> list[tuple[str, str, int]]:

@@ -172,7 +172,6 @@ class _BoxFiltered(Source):
     """Another source averaged over factor × factor texels; rows and columns that do not fill a box are left out."""
 
     def __init__(self, source: Source, factor: int):
-        """A source of boxes of factor × factor texels; incomplete boxes at the right and at the bottom are left out."""
         self.source = source
         self.factor = factor
         self.count = source.count
@@ -336,16 +335,16 @@ class BTF:
         self.wi = np.asarray(self.wi, np.float32)
         if self.pairs is None:
             self.pairs = np.arange(self.source.count)
-        self.heldout = None if self.heldout is None else np.asarray(self.heldout, bool)
-        self.validation = None if self.validation is None else np.asarray(self.validation, bool)
-        self.low_light = None if self.low_light is None else np.asarray(self.low_light, bool)
         self.provenance = dict(self.provenance or {})
         if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
             raise ValueError(f"wo and wi must be ({len(self.pairs)}, 3), not {self.wo.shape}, {self.wi.shape}")
         for name in MASKS:
-            mask = getattr(self, name)
-            if mask is not None and mask.shape != (len(self.pairs),):
+            if getattr(self, name) is None:
+                continue
+            mask = np.asarray(getattr(self, name), bool)
+            if mask.shape != (len(self.pairs),):
                 raise ValueError(f"{name} must be ({len(self.pairs)},), not {mask.shape}")
+            setattr(self, name, mask)
         # Whole views and lights that `split` would hold out otherwise have no place for them.
         if self.heldout is None and self.low_light is not None and self.low_light.any():
             raise ValueError("low_light needs a declared heldout, which may be all False")
@@ -474,12 +473,13 @@ class BTF:
         `new view`, `new light` and `both new`. A side with fewer than four directions holds out none. There are no
         groups if `holdout` is 0. `InputError` if it leaves no pair to train on.
         """
-        everything = np.arange(len(self))
-        choosing = np.zeros(len(self), bool) if self.validation is None else self.validation
+        none = np.zeros(len(self), bool)
+        choosing = none if self.validation is None else self.validation
         if self.heldout is not None:
-            low = np.zeros(len(self), bool) if self.low_light is None else self.low_light
-            train = everything[~self.heldout & ~choosing & ~low]
-            return Split(train, {"heldout": everything[self.heldout]}, everything[choosing], everything[low])
+            low = none if self.low_light is None else self.low_light
+            train = ~self.heldout & ~choosing & ~low
+            heldout = {"heldout": np.flatnonzero(self.heldout)}
+            return Split(np.flatnonzero(train), heldout, np.flatnonzero(choosing), np.flatnonzero(low))
         rng = np.random.default_rng(seed)
         # Masks (N,) of the pairs whose view, or whose light, is held out.
         new_view = _heldout_directions(rng, len(self.layout.views), self.holdout)[self.layout.view]
@@ -491,13 +491,12 @@ class BTF:
         new_view = ~np.isin(self.layout.view, self.layout.view[trained])
         new_light = ~np.isin(self.layout.light, self.layout.light[trained])
         groups = {
-            "new view": everything[new_view & ~new_light],
-            "new light": everything[~new_view & new_light],
-            "both new": everything[new_view & new_light],
+            "new view": new_view & ~new_light,
+            "new light": ~new_view & new_light,
+            "both new": new_view & new_light,
         }
-        train = everything[trained & ~choosing]
-        heldout = {name: pairs for name, pairs in groups.items() if len(pairs)}
-        return Split(train, heldout, everything[choosing])
+        heldout = {name: np.flatnonzero(mask) for name, mask in groups.items() if mask.any()}
+        return Split(np.flatnonzero(trained & ~choosing), heldout, np.flatnonzero(choosing))
 
 
 def _heldout_directions(rng: np.random.Generator, count: int, share: float) -> Array:

@@ -25,12 +25,13 @@ def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[in
 
     Where it is not there, it is made of the slices (H, W, 3) that `read` gives for 0 to `count` - 1; `shape` is (H, W).
     """
-    if not path.exists():
-        with atomic.locked(path):  # else each of a dozen workers would write its own, of many gigabytes
-            if not path.exists():  # no other process has made it while this one waited
-                with atomic.replacing(path) as partial:
-                    if not _write_copy(path, partial, read, count, shape, np.float16):
-                        _write_copy(path, partial, read, count, shape, np.float32)  # halves would lose too much
+
+    def make() -> None:
+        with atomic.replacing(path) as partial:
+            if not _write_copy(path, partial, read, count, shape, np.float16):
+                _write_copy(path, partial, read, count, shape, np.float32)  # halves would lose too much
+
+    atomic.make_once(path, make)  # else each of a dozen workers would write its own, of many gigabytes
     copy: Array = np.load(path, mmap_mode="r", allow_pickle=False)
     return copy
 

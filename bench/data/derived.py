@@ -98,21 +98,17 @@ class _Shrunk(Source):
         self.count = boxes.count
 
     @cached_property
-    def _scratch(self) -> np.ndarray:
+    def _scratch(self) -> Array:
         """The memory-mapped scratch file of the averages (blocks, H · W, pairs of a block, 3)."""
         return self.boxes._scratch  # slices, texels and scattered values all come from this one file
 
-    def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
+    def slices(self, pairs: Array) -> list[Array]:
         """The pictures (H, W, 3) of some pairs, out of the scratch file (blocks, H · W, pairs of a block, 3)."""
         scratch_file = self._scratch
-        pairs_of_a_block = scratch_file.shape[2]
-        blocks, places = np.divmod(pairs, pairs_of_a_block)  # the block of each pair, and its place in it
-        slices = []
+        blocks, places = np.divmod(pairs, scratch_file.shape[2])  # the block of each pair, and its place in it
         # A slice for each pair: one index array for all values takes NumPy three times as long.
-        for block, place in zip(blocks, places, strict=True):
-            values = np.asarray(scratch_file[block, :, place], np.float32)
-            slices.append(values.reshape(*self.shape, 3))
-        return slices
+        stored = [scratch_file[block, :, place] for block, place in zip(blocks, places, strict=True)]
+        return [np.asarray(values, np.float32).reshape(*self.shape, 3) for values in stored]
 
     def fingerprint(self) -> str:
         """That of the averages, changed, because the scratch file rounds them to halves (float16)."""
@@ -131,7 +127,7 @@ def shrunk(btf: BTF, texels: int) -> BTF:
     return small.over(_Shrunk(small.source))
 
 
-def _evenly_spread(layout: Layout, pairs: int) -> np.ndarray:
+def _evenly_spread(layout: Layout, pairs: int) -> Array:
     """Indices of about `pairs` pairs: evenly spread views with evenly spread lights, or random pairs if the layout is
     no product."""
     if layout.grid is None:
@@ -151,7 +147,7 @@ def _evenly_spread(layout: Layout, pairs: int) -> np.ndarray:
     return layout.grid[np.ix_(view_indices, light_indices)].reshape(-1)
 
 
-def _random_indices(count: int, wanted: int) -> np.ndarray:
+def _random_indices(count: int, wanted: int) -> Array:
     """`wanted` different indices below `count`, or all if there are fewer, drawn with a fixed seed and sorted."""
     return np.sort(np.random.default_rng(0).choice(count, min(count, wanted), replace=False))
 

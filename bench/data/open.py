@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.btf import BTF, ArraySource
+from bench.btf import BTF, Array, ArraySource
 from bench.codec import Progress, silent
 from bench.data.kinds import LoadTracer, kind_of
 from bench.data.readers.checks import negative, no_duplicates, radiance_fault, unit_directions, warn_of_radians
@@ -21,11 +21,7 @@ log = logging.getLogger(__name__)
 
 
 def open_material(
-    spec: MaterialSpec,
-    data: Preparation,
-    show: Progress,
-    draw: int = 0,
-    path_tracer: LoadTracer | None = None,
+    spec: MaterialSpec, data: Preparation, show: Progress, draw: int = 0, path_tracer: LoadTracer | None = None
 ) -> BTF:
     """Open a suite's material as a BTF, prepared as `data` says.
 
@@ -114,7 +110,7 @@ def from_arrays(
     return BTF(name, views, lights, ArraySource(values), heldout=mask, periodic=periodic, provenance=provenance)
 
 
-def _directions(vectors: np.ndarray, name: str, count: int) -> np.ndarray:
+def _directions(vectors: Array, name: str, count: int) -> Array:
     """Unit vectors (count, 3) float32 of the array `wo` or `wi`; `name` is what errors call it."""
     if vectors.shape != (count, 3) or vectors.dtype.kind not in "fiu":
         raise InputError(f"{name} is {vectors.shape}: it must be ({count}, 3), a direction for each slice of radiance")

@@ -72,8 +72,7 @@ class Look:
     """The findings from a few slices of a BTF."""
 
     btf: BTF
-    sheet: list[int]  # the pairs of the contact sheet, as indices
-    thumbs: list[Array]  # their pictures, shrunk, each (height, width, 3)
+    sheet: dict[int, Array]  # the contact sheet: index of a pair → its picture, shrunk, (height, width, 3)
     values: Array  # (slices, n, 3), the same n texels of each slice
     power: float | None  # of cos θ_i, with which the median of a slice falls over lights; None from too few lights
     power_o: float | None  # of cos θ_o, over views; None from too few views
@@ -155,41 +154,45 @@ class Look:
 
     def warnings(self) -> list[str]:
         """One sentence for each likely fault, with its probable cause; none for sound data."""
-        warnings = []
-        fall_fault = self._fall_fault()
-        if fall_fault:
-            warnings.append(fall_fault)
-        if self.clipped >= CLIPPED:
-            place = f"exactly at the maximum, {self.values.max():.4g}"
-            warnings.append(f"{self.clipped:.2%} of the values lie {place}: highlights are clipped")
-        codes_fault = codes(self.values)
-        if codes_fault:
-            warnings.append(codes_fault)
-        negative_fault = negative(self.values)
-        if negative_fault:
-            warnings.append(negative_fault)
-        if self.missing:
-            whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
-            warnings.append(f"{self.missing:,} pairs of the product of {whole} are missing")
+        sentences = [self._fall_fault(), self._clipping_fault(), codes(self.values), negative(self.values)]
+        sentences += [self._product_fault(), self._azimuths_fault(), self.exposed.fault, *self._seam_faults()]
+        return [sentence for sentence in sentences if sentence]
+
+    def _clipping_fault(self) -> str:
+        """A sentence on clipped highlights; "" without any."""
+        if self.clipped < CLIPPED:
+            return ""
+        place = f"exactly at the maximum, {self.values.max():.4g}"
+        return f"{self.clipped:.2%} of the values lie {place}: highlights are clipped"
+
+    def _product_fault(self) -> str:
+        """A sentence on the pairs that a product of views and lights lacks; "" if it lacks none."""
+        if not self.missing:
+            return ""
+        whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
+        return f"{self.missing:,} pairs of the product of {whole} are missing"
+
+    def _azimuths_fault(self) -> str:
+        """A sentence on azimuths that seem to be mirrored, by the lobe or the half vectors; "" if they do not."""
+        fault = "the azimuths of the views or of the lights seem to be mirrored"
         if self.lobe and self.lobe.looks_mirrored:
             by_sum, by_difference = f"{self.lobe.sum_share:.0%}", f"{self.lobe.difference_share:.0%}"
-            shares = f"phi_i + phi_o ({by_sum}), not phi_i - phi_o ({by_difference})"
-            fault = "the azimuths of the views or of the lights seem to be mirrored"
-            warnings.append(f"the mean lobe follows {shares}: {fault}")
+            return f"the mean lobe follows phi_i + phi_o ({by_sum}), not phi_i - phi_o ({by_difference}): {fault}"
         if self.half_vectors and self.half_vectors.likely != "as given":
-            explained = self.half_vectors.shares
-            frame = self.half_vectors.likely
-            by_other, by_given = f"{explained[frame]:.0%}", f"{explained['as given']:.0%}"
-            fault = f"explain {by_other} of the brightness with {frame}, and {by_given} as given"
-            warnings.append(f"half vectors {fault}: the azimuths of the views or of the lights seem to be mirrored")
-        if self.exposed.fault:
-            warnings.append(self.exposed.fault)
+            frame, shares = self.half_vectors.likely, self.half_vectors.shares
+            by_other, by_given = f"{shares[frame]:.0%}", f"{shares['as given']:.0%}"
+            return f"half vectors explain {by_other} of the brightness with {frame}, and {by_given} as given: {fault}"
+        return ""
+
+    def _seam_faults(self) -> list[str]:
+        """A sentence for each border at which a seam is visible."""
+        remark = "although the data call it periodic" if self.btf.periodic else "it shows when repeated"
+        faults = []
         for (to_mean, to_largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
             # A picture may have lines inside that differ as much as those at the border: that is no seam.
             if to_mean >= SEAM and to_largest >= 1:
-                remark = "although the data call it periodic" if self.btf.periodic else "it shows when repeated"
-                warnings.append(f"a seam at the {border} border, {to_mean:.1f} times the gradient inside: {remark}")
-        return warnings
+                faults.append(f"a seam at the {border} border, {to_mean:.1f} times the gradient inside: {remark}")
+        return faults
 
 
 class _Slices:
@@ -231,10 +234,6 @@ class _Slices:
         """The median brightness (n,) of some pairs."""
         return np.array([self.medians[pair] for pair in pairs])
 
-    def means_of(self, pairs: Sequence[int]) -> Array:
-        """The mean brightness (n,) of some pairs."""
-        return np.array([self.means[pair] for pair in pairs])
-
 
 def look(btf: BTF) -> Look:
     """The findings from at most about 150 slices of a BTF, which are read one at a time, and the extremes of all where
@@ -261,24 +260,23 @@ def look(btf: BTF) -> Look:
     halves = None
     if scattered:
         wo, wi = btf.wo[scattered], btf.wi[scattered]
-        halves = half_vectors(wo, wi, slices.means_of(scattered))
+        halves = half_vectors(wo, wi, np.array([slices.means[pair] for pair in scattered]))
         if power is None and power_o is None:
             power, power_o = _powers(wo[:, 2], wi[:, 2], slices.medians_of(scattered))
     lows, highs = zip(*slices.extremes.values(), strict=True)
     return Look(
-        btf,
-        sheet,
-        [slices.thumbs[pair] for pair in sheet],
-        np.stack(slices.values),
-        power,
-        power_o,
-        _seam_ratios(slices.seams),
-        lobe,
-        halves,
-        (min(lows), max(highs)),
-        len(lows),
-        low_light,
-        _exposed(btf, slices.values, is_small),
+        btf=btf,
+        sheet=slices.thumbs,
+        values=np.stack(slices.values),
+        power=power,
+        power_o=power_o,
+        seams=_seam_ratios(slices.seams),
+        lobe=lobe,
+        half_vectors=halves,
+        extremes=(min(lows), max(highs)),
+        read=len(lows),
+        low_light=low_light,
+        exposed=_exposed(btf, slices.values, is_small),
     )
 
 
@@ -308,11 +306,9 @@ def _thumb(picture: Array) -> Array:
 
 def _seam_ratios(seams: list[tuple[maps.Seam, maps.Seam]]) -> list[tuple[float, float]]:
     """`Look.seams` of those of each slice, for the left–right and then the top–bottom border."""
-    ratios = []
-    # The means over slices, for both borders; 1e-12 avoids a division by 0 in flat pictures.
-    for across, inside, largest in np.mean(seams, 0):
-        ratios.append((float(across / max(inside, 1e-12)), float(across / max(largest, 1e-12))))
-    return ratios
+    means = np.mean(seams, 0)  # (2, 3), over slices
+    ratios = means[:, :1] / np.maximum(means[:, 1:], 1e-12)  # no division by 0 in flat pictures
+    return [(to_mean, to_largest) for to_mean, to_largest in ratios.tolist()]
 
 
 def _pairs_nearest_normal(index: Array, side: Array, other: Array) -> list[int]:
@@ -459,10 +455,7 @@ def _evenly_around(phi: Array) -> Array:
 
 def _waves(angle: Array) -> Array:
     """The harmonics (..., 2 · HARMONICS) of angles (...): cos φ, sin φ, cos 2φ, sin 2φ."""
-    waves = []
-    for k in range(1, HARMONICS + 1):
-        waves += [np.cos(k * angle), np.sin(k * angle)]
-    return np.stack(waves, -1)
+    return np.stack([wave(k * angle) for k in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)], -1)
 
 
 def _explained(rest: Array, angle: Array) -> tuple[float, Array]:
@@ -497,7 +490,7 @@ def draw(seen: Look, out: Path) -> None:
     _draw_directions(top.add_subplot(1, 3, 2, projection="polar"), seen, "lights", seen.btf.wi)
     _draw_values(top.add_subplot(1, 3, 3), seen.values)
     factor = seen.exposed.exposure  # one for all pictures
-    for place, (pair, thumb) in enumerate(zip(seen.sheet, seen.thumbs, strict=True)):
+    for place, (pair, thumb) in enumerate(seen.sheet.items()):
         axes = bottom.add_subplot(rows, columns, place + 1)
         axes.imshow(to_display(thumb, factor))
         directions = np.stack([seen.btf.wo[pair], seen.btf.wi[pair]])

@@ -82,10 +82,9 @@ class Preparation:
         for name in ("heldout", "low_light", "between"):
             if getattr(self, name) < 0:
                 raise InputError(f"{name} must be at least 0, not {getattr(self, name)}")
-        if self.split not in get_args(Split):
-            raise InputError(f"split must be {' or '.join(get_args(Split))}, not {self.split!r}")
-        if self.angles not in get_args(Angles):
-            raise InputError(f"angles must be {' or '.join(get_args(Angles))}, not {self.angles!r}")
+        for name, words in (("split", Split), ("renderer", Renderer), ("angles", Angles)):
+            if getattr(self, name) not in get_args(words):
+                raise InputError(f"{name} must be {' or '.join(get_args(words))}, not {getattr(self, name)!r}")
         if not 0 <= self.holdout < 1:
             raise InputError(f"holdout must be at least 0 and below 1, not {self.holdout}")
         if self.validation and (self.split != "test" or not self.heldout or not self.holdout):

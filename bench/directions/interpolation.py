@@ -10,6 +10,7 @@ The interpolated quantity is radiance / cos θ_i, multiplied by the cosine of th
 cosines into its weights, so a caller only sums weight × radiance.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -344,14 +345,14 @@ def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     lights = parts["lights"].float().numpy()
     if not (_are_directions(views) and _are_directions(lights)):
         raise ValueError("its directions are not unit vectors of the upper hemisphere")
+    counts = (len(views), len(lights))
+    pairs = np.empty((0, 2), np.int64)
     if "pairs" in parts:
         pairs = parts["pairs"].long().numpy()
-        low, high = pairs.min(0, initial=0), pairs.max(0, initial=0)
-        sound = pairs.shape[1:] == (2,) and low.min() >= 0 and high[0] < len(views) and high[1] < len(lights)
-    else:
-        sound = len(views) * len(lights) <= MOST_IMPLIED  # before they are made
-        pairs = _product(len(views), len(lights), "views_fastest" in parts) if sound else np.empty((0, 2), np.int64)
-    if not sound or len(pairs) == 0 or rows not in (None, len(pairs)):
+    elif math.prod(counts) <= MOST_IMPLIED:  # asked before they are made
+        pairs = _product(*counts, "views_fastest" in parts)
+    are_indices = pairs.shape[1:] == (2,) and (pairs >= 0).all() and (pairs < counts).all()
+    if not are_indices or len(pairs) == 0 or rows not in (None, len(pairs)):
         raise ValueError("its pairs are not those of its table and directions")
     return Layout(views, lights, pairs[:, 0], pairs[:, 1])
 

@@ -28,6 +28,7 @@ LEAST = 1 << 26  # 64 MiB
 RATIO = 64
 STEP = 1 << 16  # compressed bytes inflated at once
 MOST_AT_ONCE = 16 * STEP  # bytes that are inflated at once
+_HEAD = 16384  # bytes at the start of an array's entry: its header is shorter
 _LOCAL_HEADER = 30  # bytes of the header that stands in the archive before each entry's name
 
 
@@ -211,9 +212,6 @@ def stored(files: ZipFiles, key: str) -> Stored:
     if not files.has(name):
         raise InputError(f"{files.path}: it has no array {key!r}: add it")
     return _array_of(files, name, files.head(name, _HEAD))
-
-
-_HEAD = 16384  # bytes: the header of an array is shorter
 
 
 def _array_of(files: ZipFiles, name: str, head: bytes) -> Stored:

@@ -143,6 +143,15 @@ def locked(path: Path) -> Iterator[None]:
         os.close(file)
 
 
+def make_once(path: Path, make: Callable[[], None]) -> None:
+    """Call `make`, which makes the file `path`, unless it is there. Other processes that want it wait meanwhile."""
+    if path.exists():
+        return
+    with locked(path):
+        if not path.exists():  # no other process has made it while this one waited
+            make()
+
+
 def _open_locked(path: Path) -> int:
     """Open and lock the file of that name, and return its descriptor; waits for another process that holds the lock.
 
@@ -185,12 +194,9 @@ def cache_dir() -> Path:
 def cached_files() -> list[Path]:
     """The files of the cache that can all be made again: not the networks under `SHARED`, which a user trained."""
     shared = cache_dir() / SHARED
-    files = []
-    for path in cache_dir().rglob("*"):
-        is_file = path.is_symlink() or path.is_file()  # a link counts as a file, whatever it leads to
-        if is_file and shared not in path.parents:
-            files.append(path)
-    return files
+    # A link counts as a file, whatever it leads to.
+    files = [path for path in cache_dir().rglob("*") if path.is_symlink() or path.is_file()]
+    return [path for path in files if shared not in path.parents]
 
 
 def clear_cache() -> tuple[int, int]:

@@ -271,9 +271,8 @@ def descriptions(settings: type) -> list[Setting]:
     comments = _comments(settings)
     result = []
     for field in dataclasses.fields(settings):
-        default = str(field.default)
-        if isinstance(field.default, bool):
-            default = default.lower()  # as `--set` takes it
+        is_bool = isinstance(field.default, bool)
+        default = str(field.default).lower() if is_bool else str(field.default)  # as `--set` takes it
         result.append(Setting(field.name, default, _allowed_in_words(kinds[field.name]), comments.get(field.name, "")))
     return result
 

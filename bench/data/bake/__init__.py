@@ -13,6 +13,7 @@ import json
 import logging
 import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -78,11 +79,9 @@ class Partial:
         atomic.make_folder(self.folder)
         path = self.folder / "values.npy"
         self.done = 0
-        if path.exists():
-            try:
+        with suppress(OSError, ValueError):  # no slice was finished, or the number was cut off: begin anew
+            if path.exists():
                 self.done = int((self.folder / "finished").read_text())
-            except (OSError, ValueError):  # no slice was finished, or the number was cut off: begin anew
-                self.done = 0
         if not self.done:
             # By a rename, so that a file of that name is always whole.
             with atomic.replacing(path) as fresh:
@@ -210,15 +209,16 @@ def open_svbrdf(
             pair_notes |= path_tracer.provenance()
         key = _cache_key(map_files, data.size, pair_notes)
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npz"
-        if not path.exists():
-            with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
-                if not path.exists():  # else another process has baked it meanwhile
-                    surface = surface_once()
-                    if pair_table.kind == "between":
-                        moved = half_a_texel_further(surface.maps, surface.shape, SUB_POINTS)
-                        surface = replace(surface, maps=moved)
-                    # `joined` marks the held-out pairs.
-                    _bake(surface, pair_table.pairs, None, pair_notes, path, show, seed=0, path_tracer=path_tracer)
+
+        def make() -> None:
+            surface = surface_once()
+            if pair_table.kind == "between":
+                moved = half_a_texel_further(surface.maps, surface.shape, SUB_POINTS)
+                surface = replace(surface, maps=moved)
+            # `joined` marks the held-out pairs.
+            _bake(surface, pair_table.pairs, None, pair_notes, path, show, seed=0, path_tracer=path_tracer)
+
+        atomic.make_once(path, make)  # two processes must not both resume from the slices of a killed one
         return replace(open_btf(path), name=name)  # a reader names it by the file in the cache
 
     return joined(data.tables(name, seed=0, draw=draw), cached)

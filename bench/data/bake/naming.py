@@ -55,6 +55,7 @@ _UNREAD = f"only {SUPPORTED}"
 # Why a picture is not used although its name is known.
 _NOT_USED = {"": "not recognised", "occlusion": "shadows are cast by the renderer"}
 _NOT_USED |= {"specular": "the specular workflow is not read, give a metalness map"}
+_DOUBTFUL = ("", "specular")  # of these, what may be a map that the bake needs; an occlusion surely is none
 _LISTS = ("pairs.csv", ".lp")  # endings of lists of pairs or lights, which make a folder of pictures a BTF
 
 
@@ -126,24 +127,19 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
     if lists:
         raise InputError(f"{folder}: it holds {lists[0]}, so it is a BTF and needs no bake: give it to run --material")
     # 1. The files that the user names go before those that are recognised.
-    by_user: dict[str, str] = {}  # role → file that the user names
-    for role, file in (user_files or {}).items():
-        by_user[role] = _user_file(folder, role, file)
+    by_user = {role: _user_file(folder, role, file) for role, file in (user_files or {}).items()}
     # 2. Each other picture has a role by its name, or a reason why it is not used.
+    role_of = {name: role for name, role in _roles(names).items() if name not in by_user.values()}
     by_name: dict[str, list[str]] = {}  # role → files in the folder with such a name
     unused = {}
-    doubtful = []
-    for name, role in _roles(names).items():
-        if name in by_user.values():  # its role is the one that the user says, not that of its name
-            continue
+    for name, role in role_of.items():
         if role in _NOT_USED:
             unused[name] = _NOT_USED[role]
-            if role != "occlusion":  # which is surely no map that the bake needs
-                doubtful.append(name)
         elif role in by_user:
             unused[name] = _SAME_MAP
         else:
             by_name.setdefault(role, []).append(name)
+    doubtful = tuple(name for name, role in role_of.items() if role in _DOUBTFUL)
     # 3. One file for each role.
     if {"metalness", "packed", "metallic_smoothness"} & {*by_name, *by_user}:
         unused |= _leave(by_name, "albedo", _is_base_colour, "the base colour is taken, because there is metalness")
@@ -153,16 +149,19 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
     if "albedo" not in by_name | by_user:
         raise InputError(f"{folder}: {no_albedo_fault(folder)}")
     for role, several in by_name.items():
-        first, *others = several
-        if others and all(filecmp.cmp(folder / first, folder / other, shallow=False) for other in others):
-            by_name[role] = [first]
-            unused |= dict.fromkeys(others, f"the same file as {first}")
-        elif others:
-            remedy = f"keep one in the folder, or give bake --map {role}=FILE"
-            raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: {remedy}")
+        unused |= _equal_files(folder, role, several)
     files = {role: several[0] for role, several in by_name.items()} | by_user
     unused |= _drop_second_choices(files, by_user)
-    return MapFiles(folder, files, unused, tuple(doubtful))
+    return MapFiles(folder, files, unused, doubtful)
+
+
+def _equal_files(folder: Path, role: str, several: list[str]) -> dict[str, str]:
+    """The files of a role but the first, all of which equal it (file → that reason). `InputError` if one does not."""
+    first, *others = several
+    if not all(filecmp.cmp(folder / first, folder / other, shallow=False) for other in others):
+        remedy = f"keep one in the folder, or give bake --map {role}=FILE"
+        raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: {remedy}")
+    return dict.fromkeys(others, f"the same file as {first}")
 
 
 def _leave(by_name: dict[str, list[str]], role: str, is_better: Callable[[str], bool], why: str) -> dict[str, str]:
@@ -265,9 +264,7 @@ def _shared_start(names: list[list[str]]) -> list[str]:
 
 def _without_start(words: list[str], start: list[str]) -> list[str]:
     """The words of a name without `start`, if it begins with these words."""
-    if words[: len(start)] == start:
-        return words[len(start) :]
-    return words
+    return words[len(start) :] if words[: len(start)] == start else words
 
 
 def _last_letter(words: list[str]) -> str:

@@ -29,16 +29,20 @@ CLEAR = 0.2  # from this correlation on, the maps decide instead of their names;
 DEFAULT_DEPTH = 0.02  # of the relief, in widths of the picture
 DEFAULT_ROUGHNESS = 0.5
 RED, GREEN, BLUE, ALPHA = range(4)
-# Where a map of one number a texel may come from: role of the file, channel, and whether it is inverted. The first of
-# which the folder has the file is used.
+# Where a map of one number a texel may come from: role of the file, channel, whether it is inverted, and all this in
+# words, "" for a map of its own. The first of which the folder has the file is used.
 _SOURCES = {
     "roughness": [
-        ("roughness", RED, False),
-        ("smoothness", RED, True),
-        ("packed", GREEN, False),
-        ("metallic_smoothness", ALPHA, True),
+        ("roughness", RED, False, ""),
+        ("smoothness", RED, True, "inverted"),  # a grey picture: no channel is worth telling
+        ("packed", GREEN, False, "green"),
+        ("metallic_smoothness", ALPHA, True, "alpha, inverted"),
     ],
-    "metalness": [("metalness", RED, False), ("packed", BLUE, False), ("metallic_smoothness", RED, False)],
+    "metalness": [
+        ("metalness", RED, False, ""),
+        ("packed", BLUE, False, "blue"),
+        ("metallic_smoothness", RED, False, "red"),
+    ],
 }
 # Their files are listed under the maps that are taken from them, not under their own role.
 _LISTED_ELSEWHERE = ("packed", "metallic_smoothness", "smoothness")
@@ -160,7 +164,7 @@ class _Reader:
         It is that of the first of its sources that the folder has, else the number `default`. Where it is not a file of
         its own, `notes[name]` is set to words that say which source it is.
         """
-        for role, channel, is_inverted in _SOURCES[name]:
+        for role, channel, is_inverted, words in _SOURCES[name]:
             picture = self.codes(role)
             if picture is None:
                 continue
@@ -168,13 +172,8 @@ class _Reader:
                 values = read_alpha(self.files, self.roles[role])
             else:
                 values = picture[..., channel]
-            if role != name:  # a map of its own is already in the notes
-                words = []
-                if role != "smoothness":  # a grey picture: no channel is worth telling
-                    words.append(("red", "green", "blue", "alpha")[channel])
-                if is_inverted:
-                    words.append("inverted")
-                notes[name] = f"{self.roles[role]} ({', '.join(words)})"
+            if words:  # a map of its own is already in the notes
+                notes[name] = f"{self.roles[role]} ({words})"
             if is_inverted:
                 values = 1 - values
             return np.clip(self.shrunk(values), 0, 1)
@@ -228,10 +227,7 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
 
 def _first_role(reader: _Reader, roles: tuple[str, ...]) -> str:
     """The first of some roles that the folder has a file for; "" if it has none."""
-    for role in roles:
-        if role in reader.roles:
-            return role
-    return ""
+    return next((role for role in roles if role in reader.roles), "")
 
 
 def _with_depth(
@@ -240,18 +236,12 @@ def _with_depth(
     """A displacement (H, W), and its depth: the factor that turns it into widths of the picture.
 
     It is `depth` if the user gives one, else `fitted_depth`, by which the slopes fit the normals best, else the
-    default. EXR may hold any unit: heights beyond [0, 1] are first brought there. Warns where their unit is unknown.
-    `InputError` if the depth that the normals give is above 1.
+    default. Warns where the unit of stored heights is unknown. `InputError` if the normals give a depth above 1.
     """
     label = reader.files.label(reader.roles[role])
     if reader.is_stored(role):
         lowest, highest = float(height.min()), float(height.max())
-        # A unit of height above one width of the picture: heights then are tiny numbers.
-        is_large_unit = fitted_depth is not None and fitted_depth > 1
-        if highest > lowest and (lowest < 0 or highest > 1 or is_large_unit):
-            height = (height - np.float32(lowest)) / np.float32(highest - lowest)
-            if fitted_depth is not None:
-                fitted_depth *= highest - lowest  # the same relief, of heights that now reach from 0 to 1
+        height, fitted_depth = _from_any_unit(height, fitted_depth)
         if depth is None and fitted_depth is None:
             relief = f"the relief is taken as {DEFAULT_DEPTH * float(np.ptp(height)):.4f} of the width"
             log.warning("%s: heights from %g to %g of unknown unit: %s: give --depth", label, lowest, highest, relief)
@@ -260,6 +250,18 @@ def _with_depth(
     if depth > 1:
         raise InputError(f"{label}: by the normals its relief is {depth:.3g} widths deep: give --depth, from 0 to 1")
     return height, depth
+
+
+def _from_any_unit(height: Array, fitted_depth: float | None) -> tuple[Array, float | None]:
+    """Stored heights (H, W), brought from any unit to [0, 1] if they go beyond it, and the depth that then fits."""
+    lowest, highest = float(height.min()), float(height.max())
+    # A unit of height above one width of the picture: heights then are tiny numbers.
+    is_large_unit = fitted_depth is not None and fitted_depth > 1
+    if highest > lowest and (lowest < 0 or highest > 1 or is_large_unit):
+        height = (height - np.float32(lowest)) / np.float32(highest - lowest)
+        if fitted_depth is not None:
+            fitted_depth *= highest - lowest  # the same relief, of heights that now reach from 0 to 1
+    return height, fitted_depth
 
 
 def _normals(reader: _Reader, role: str, notes: dict[str, str]) -> Array | None:
@@ -410,10 +412,10 @@ def agreement(normal: Array, height: Array) -> Agreement:
     return Agreement(x, y, float(products / squares))
 
 
-def _correlation(a: Array, b: Array) -> float:
+def _correlation(first: Array, second: Array) -> float:
     """Pearson's correlation of two pictures (H, W); 0 if one of them is flat."""
-    a, b = a - a.mean(), b - b.mean()
-    deviations = np.sqrt((a * a).mean() * (b * b).mean())
+    first, second = first - first.mean(), second - second.mean()
+    deviations = np.sqrt((first * first).mean() * (second * second).mean())
     if deviations <= 1e-9:
         return 0.0
-    return float((a * b).mean() / deviations)
+    return float((first * second).mean() / deviations)

@@ -96,6 +96,11 @@ class Kind(ABC):
         return False
 
 
+def no_such_setting(spec: MaterialSpec, made: str, key: str, remedies: dict[str, str]) -> str:
+    """That a material, which is `made` so, has no setting `key`, and the remedy; "" if `remedies` (by key) lacks it."""
+    return f"{spec.name} is {made}, which has no such setting: {remedies[key]}" if key in remedies else ""
+
+
 def kind_of(spec: MaterialSpec) -> Kind:
     """The kind of a material; measured, if no other kind knows it."""
     # `_kinds` caches its answer by the folders, because a folder may be added to the package.
@@ -110,8 +115,5 @@ def kind_of(spec: MaterialSpec) -> Kind:
 @cache
 def _kinds(folders: tuple[str, ...]) -> tuple[tuple[str, Kind], ...]:
     """(module's name, its `KIND`) of each module in the folders of this package, sorted by name."""
-    kinds = []
-    for name in sorted(info.name for info in pkgutil.iter_modules(folders)):
-        module = importlib.import_module(f"{__name__}.{name}")
-        kinds.append((name, module.KIND))
-    return tuple(kinds)
+    names = sorted(info.name for info in pkgutil.iter_modules(folders))
+    return tuple((name, importlib.import_module(f"{__name__}.{name}").KIND) for name in names)

@@ -5,7 +5,7 @@ The recipe of such a material, a class with its parameters, makes the maps that 
 
 from bench.btf import BTF
 from bench.codec import Progress
-from bench.data.kinds import OF_MEASURED, Kind, LoadTracer
+from bench.data.kinds import OF_MEASURED, Kind, LoadTracer, no_such_setting
 from bench.data.spec import MaterialSpec, Preparation
 
 
@@ -35,16 +35,14 @@ class BuiltIn(Kind):
     def outline(self, spec: MaterialSpec, data: Preparation, draw: int) -> BTF | None:
         """The rendering with zeros for its values, because its recipe alone determines the fingerprint."""
         from bench.data.materials import recipe
-        from bench.data.materials.store import load_or_render
+        from bench.data.materials.store import outline
 
-        return load_or_render(spec.name, recipe(spec.name), data, draw=draw, outline=True)
+        return outline(spec.name, recipe(spec.name), data, draw)
 
     def ignores(self, spec: MaterialSpec, key: str) -> str:
         if key == "data.renderer":
             return f"mitsuba bakes only folders of maps, and {spec.name} is built in"
-        if key in OF_MEASURED:
-            return f"{spec.name} is rendered, which has no such setting: {OF_MEASURED[key]}"
-        return ""
+        return no_such_setting(spec, "rendered", key, OF_MEASURED)
 
 
 KIND = BuiltIn()

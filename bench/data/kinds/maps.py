@@ -5,7 +5,7 @@ This is called a bake. It is kept in the cache, and memory-mapped from there the
 
 from bench.btf import BTF
 from bench.codec import Progress
-from bench.data.kinds import OF_MEASURED, Kind, LoadTracer
+from bench.data.kinds import OF_MEASURED, Kind, LoadTracer, no_such_setting
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
 
@@ -40,9 +40,7 @@ class PbrMaps(Kind):
         return open_svbrdf(path, data, show, draw, path_tracer())
 
     def ignores(self, spec: MaterialSpec, key: str) -> str:
-        if key in OF_MEASURED:
-            return f"{spec.name} is rendered, which has no such setting: {OF_MEASURED[key]}"
-        return ""
+        return no_such_setting(spec, "rendered", key, OF_MEASURED)
 
     def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
         return data.bytes_rendered

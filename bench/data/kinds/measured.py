@@ -6,7 +6,7 @@ from dataclasses import replace
 from bench.btf import BTF, HOLDOUT
 from bench.codec import Progress
 from bench.data.derived import alone, reads_slices, repaired, shrunk, thinned
-from bench.data.kinds import OF_RENDERED, Kind, LoadTracer
+from bench.data.kinds import OF_RENDERED, Kind, LoadTracer, no_such_setting
 from bench.data.spec import MaterialSpec, Preparation
 
 log = logging.getLogger(__name__)
@@ -46,9 +46,7 @@ class Measured(Kind):
     def ignores(self, spec: MaterialSpec, key: str) -> str:
         if not spec.existing():
             return ""  # what is not on this machine may be a folder of maps, which has other settings
-        if key in OF_RENDERED:
-            return f"{spec.name} is measured, which has no such setting: {OF_RENDERED[key]}"
-        return ""
+        return no_such_setting(spec, "measured", key, OF_RENDERED)
 
 
 KIND = Measured()

@@ -57,9 +57,9 @@ def normalised(picture: Array) -> Array:
     return (picture - picture.min()) / np.ptp(picture)
 
 
-def mix(a: Array, b: Array, weight: Array) -> Array:
-    """The colours (H, W, 3) between two colours (3,): `a` where the weight (H, W) is 0, `b` where it is 1."""
-    return np.asarray(a) + (np.asarray(b) - np.asarray(a)) * weight[..., None]
+def mix(first: Array, second: Array, weight: Array) -> Array:
+    """The colours (H, W, 3) between two colours (3,): the first where the weight (H, W) is 0, the second at 1."""
+    return first + (second - first) * weight[..., None]
 
 
 def srgb(*codes: float) -> Array:

@@ -105,20 +105,25 @@ class HeightField:
         `cells_per_height` is the `offset` of the rays, (rows, columns).
         """
         H, W = self.shape
-        sr, sc = stride
+        row_stride, col_stride = stride
         # The place of the first ray, which passes through the centre of its block of cells at z = 0.
-        row = ((sr - 1) / 2 + z * cells_per_height[0]) % H
-        col = ((sc - 1) / 2 + z * cells_per_height[1]) % W
+        row = ((row_stride - 1) / 2 + z * cells_per_height[0]) % H
+        col = ((col_stride - 1) / 2 + z * cells_per_height[1]) % W
         # Its whole cell (a remainder that is rounded up to H is row 0), and the fractions that weight the four cells
         # around. They are the same for all rays.
-        r, c = int(row) % H, int(col) % W
-        fr, fc = np.float32(row % 1), np.float32(col % 1)
-        tiles = self._tiled
-        heights = tiles[r : r + H : sr, c : c + W : sc] * ((1 - fr) * (1 - fc))
+        top, left = int(row) % H, int(col) % W
+        down, right = np.float32(row % 1), np.float32(col % 1)
+
+        def corner(rows: int, cols: int) -> Array:
+            """The heights of the cells so many rows below and columns to the right of those that hold the places."""
+            first_row, first_col = top + rows, left + cols
+            return self._tiled[first_row : first_row + H : row_stride, first_col : first_col + W : col_stride]
+
+        heights = corner(0, 0) * ((1 - down) * (1 - right))
         # The other three corners; a weight of 0 is skipped to save time.
-        for dr, dc, weight in ((0, 1, (1 - fr) * fc), (1, 0, fr * (1 - fc)), (1, 1, fr * fc)):
+        for rows, cols, weight in ((0, 1, (1 - down) * right), (1, 0, down * (1 - right)), (1, 1, down * right)):
             if weight:
-                heights += tiles[r + dr : r + dr + H : sr, c + dc : c + dc + W : sc] * weight
+                heights += corner(rows, cols) * weight
         return heights
 
     def visibility(self, wi: Array) -> Array:
@@ -196,7 +201,7 @@ class Renderer:
         base = np.moveaxis(maps.base_colour, -1, 0)
         rest = [maps.roughness, maps.metalness, maps.specular, maps.anisotropy]
         direction = [np.cos(2 * maps.angle), np.sin(2 * maps.angle)]
-        self._table = np.stack([*normal, *base, *rest, *direction], -1).reshape(-1, 12).astype(np.float32)
+        self.table = np.stack([*normal, *base, *rest, *direction], -1).reshape(-1, 12).astype(np.float32)
 
     def view(self, wo: Array) -> View:
         """Trace the rays toward `wo` (3,) and look up the surface where they meet it."""
@@ -209,7 +214,7 @@ class Renderer:
         row = self._by_sub_point(start_rows[:, None] + z * np.float32(rows_per_height))
         col = self._by_sub_point(start_cols[None, :] + z * np.float32(cols_per_height))
         # 2. The surface there.
-        sampled = _bilinear(self._table, self.field.shape, row, col)  # its columns are those of `_table`
+        sampled = _bilinear(self.table, self.field.shape, row, col)  # its columns are those of `table`
         normal = sampled[:3]
         normal = normal / np.sqrt((normal * normal).sum(0))
         # 3. The frame, whose tangent is the direction in which highlights are stretched.
@@ -308,18 +313,18 @@ def _bilinear(table: Array, shape: tuple[int, ...], row: Array, col: Array) -> A
     contiguous.
     """
     H, W = shape
-    r, c = np.floor(row), np.floor(col)
-    fr, fc = (row - r)[..., None], (col - c)[..., None]
-    r, left = r.astype(np.intp) % H, c.astype(np.intp) % W
+    whole_row, whole_col = np.floor(row), np.floor(col)
+    row_fraction, col_fraction = (row - whole_row)[..., None], (col - whole_col)[..., None]
+    top, left = whole_row.astype(np.intp) % H, whole_col.astype(np.intp) % W
     right = (left + 1) % W
     # Where the grid row above each place, and the one below it, begin in the table.
-    above = r * W
-    below = (r + 1) % H * W
+    above = top * W
+    below = (top + 1) % H * W
     blend = table.take(above + left, axis=0)
-    blend += (table.take(above + right, axis=0) - blend) * fc
+    blend += (table.take(above + right, axis=0) - blend) * col_fraction
     blend_below = table.take(below + left, axis=0)
-    blend_below += (table.take(below + right, axis=0) - blend_below) * fc
-    blend += (blend_below - blend) * fr
+    blend_below += (table.take(below + right, axis=0) - blend_below) * col_fraction
+    blend += (blend_below - blend) * row_fraction
     return np.ascontiguousarray(np.moveaxis(blend, -1, 0))
 
 

@@ -143,11 +143,9 @@ def in_degrees(theta: Array, phi: Array, label: str, angles: str) -> tuple[Array
         if _seem_radians(theta, phi):
             fault = "every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians"
             raise InputError(f"{label}: {fault}: say which they are by --radians or --degrees (data.angles)")
-        columns: dict[str, Array] = {}
-        suffixes = ("_o", "_i") if theta.ndim == 2 else ("",)
-        for place, suffix in enumerate(suffixes):
-            columns[f"theta{suffix}"] = theta.reshape(len(theta), -1)[:, place]
-            columns[f"phi{suffix}"] = phi.reshape(len(phi), -1)[:, place]
+        columns = {"theta": theta, "phi": phi}
+        if theta.ndim == 2:
+            columns = {"theta_o": theta[:, 0], "phi_o": phi[:, 0], "theta_i": theta[:, 1], "phi_i": phi[:, 1]}
         _warn_of_columns(columns, label)
     return theta, phi
 
@@ -250,18 +248,7 @@ def refuse_extremes(btf: BTF) -> None:
     It reads `LOOKED_AT` slices of the BTF. Too large is a matter of the largest value, too small of the 99th
     percentile, which a few stray bright values do not raise. Black data are allowed.
     """
-    largest = 0.0
-    samples = []  # one-dimensional, some values of each slice
-    for picture in some_slices(btf):
-        largest = max(largest, float(picture.max()))
-        step = math.ceil(picture.size / VALUES)  # rounded up, so that at most `VALUES` values are taken
-        if step % 3 == 0:  # red, green and blue take turns: such steps would meet one of them alone
-            step += 1
-        samples.append(picture.reshape(-1)[::step])
-    values = np.maximum(np.concatenate(samples), 0)  # what is below 0 is noise
-    bright = float(np.percentile(values, 99))
-    if bright == 0:  # fewer than 1 % of the values are lit, so the largest must tell how bright these are
-        bright = largest
+    largest, bright = _largest_and_bright(btf)
     if largest > LARGEST:
         extreme = largest
         fault = f"its largest value is {largest:.3g}, above {LARGEST:g}"
@@ -272,6 +259,20 @@ def refuse_extremes(btf: BTF) -> None:
         return
     factor = 10.0 ** -round(math.log10(extreme))  # brings that value near 1
     raise InputError(f"{btf.name}: {fault}, too far from 1 for float32: multiply it by {factor:g} in float64")
+
+
+def _largest_and_bright(btf: BTF) -> tuple[float, float]:
+    """The largest value of some slices, and the 99th percentile; the largest for both where less than 1 % is lit."""
+    largest = 0.0
+    samples = []  # one-dimensional, some values of each slice
+    for picture in some_slices(btf):
+        largest = max(largest, float(picture.max()))
+        step = math.ceil(picture.size / VALUES)  # rounded up, so that at most `VALUES` values are taken
+        if step % 3 == 0:  # red, green and blue take turns: such steps would meet one of them alone
+            step += 1
+        samples.append(picture.reshape(-1)[::step])
+    values = np.maximum(np.concatenate(samples), 0)  # what is below 0 is noise
+    return largest, float(np.percentile(values, 99)) or largest
 
 
 def some_slices(btf: BTF) -> Iterator[Array]:

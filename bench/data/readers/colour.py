@@ -116,22 +116,10 @@ def _by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
     ignored = [name for name in _EXR_IGNORED if name in attributes]
     decided: Colour | None = None
     is_superseded = False
-    primaries: tuple[float, ...] | None
     for field in ("colorInteropID", "chromaticities", "oiio:ColorSpace"):
         if field not in attributes:
             continue
-        words: str = field
-        if field != "chromaticities":
-            space = attributes[field].rstrip(b"\0").decode("utf-8", "replace")
-            words = f"{field} {space[:60]}"
-        if is_superseded:
-            ignored.append(words)
-            continue
-        if field == "chromaticities":
-            primaries = struct.unpack("<8f", attributes[field])
-            _refuse_flat(primaries, label, field)
-        else:
-            primaries = _primaries_of(space, f"{label}: its {words}")
+        words, primaries = _stated_by(field, attributes[field], label, is_superseded)
         if primaries is None:
             ignored.append(words)
             continue
@@ -139,10 +127,26 @@ def _by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
             fault = f"its {decided.name} and its {words} state different colours"
             raise InputError(f"{label}: {fault}: leave the one that is right")
         decided = decided or Colour(words, chromaticities=primaries)
-        is_superseded = field == "colorInteropID"
+        is_superseded = decided.name.startswith("colorInteropID")
     if decided and _alike(decided.chromaticities, REC709):
         decided = None
     return decided, ignored
+
+
+def _stated_by(field: str, content: bytes, label: str, is_superseded: bool) -> tuple[str, tuple[float, ...] | None]:
+    """What an attribute of an EXR that speaks of its space says, in words, and the chromaticities that it states.
+
+    None for these if it `is_superseded`, so that nobody needs them, or states none.
+    """
+    if field == "chromaticities":
+        if is_superseded:
+            return field, None
+        chromaticities = struct.unpack("<8f", content)
+        _refuse_flat(chromaticities, label, field)
+        return field, chromaticities
+    space = content.rstrip(b"\0").decode("utf-8", "replace")
+    words = f"{field} {space[:60]}"
+    return words, None if is_superseded else _primaries_of(space, f"{label}: its {words}")
 
 
 def _primaries_of(space: str, label: str) -> tuple[float, ...] | None:
@@ -276,8 +280,8 @@ def _refuse_flat(chromaticities: tuple[float, ...], label: str, field: str) -> N
     spans_colours = min(abs(y) for y in chromaticities[1::2]) >= 1e-3
     if spans_colours:
         # Primaries on one line have the determinant 0: the matrix to XYZ then has no inverse.
-        determinant = np.linalg.det(_to_xyz(chromaticities, scaled=False))
-        spans_colours = abs(determinant) >= 1e-3
+        primaries, _ = _in_xyz(chromaticities)
+        spans_colours = abs(np.linalg.det(primaries)) >= 1e-3
     if not spans_colours:
         raise InputError(f"{label}: the primaries of its {field} span no colours: save it without")
 
@@ -371,9 +375,9 @@ def _transform(profile: bytes, mode: str) -> Any:
     return ImageCms.buildTransform(space, ImageCms.createProfile("sRGB"), mode, "RGB", intent)
 
 
-def _alike(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+def _alike(first: tuple[float, ...], second: tuple[float, ...]) -> bool:
     """Whether two sets of chromaticities (x and y of red, green, blue and white) are the same but for rounding."""
-    return bool(np.allclose(a, b, atol=2e-3))
+    return bool(np.allclose(first, second, atol=2e-3))
 
 
 def _to_rec709(chromaticities: tuple[float, ...]) -> Array:
@@ -388,16 +392,16 @@ def _to_rec709(chromaticities: tuple[float, ...]) -> Array:
     return np.linalg.inv(target) @ adapted
 
 
-def _to_xyz(chromaticities: tuple[float, ...], scaled: bool = True) -> Array:
-    """The matrix (3, 3) from linear RGB to CIE XYZ: its columns, the primaries, add up to the white, whose Y is 1.
+def _to_xyz(chromaticities: tuple[float, ...]) -> Array:
+    """The matrix (3, 3) from linear RGB to CIE XYZ: its columns, the primaries, add up to the white, whose Y is 1."""
+    primaries, white = _in_xyz(chromaticities)
+    amounts = np.linalg.solve(primaries, white)  # of each primary in the white
+    return primaries * amounts
 
-    Without `scaled`, each column is a primary with Y = 1, which shows whether the primaries differ enough.
-    """
+
+def _in_xyz(chromaticities: tuple[float, ...]) -> tuple[Array, Array]:
+    """The primaries in CIE XYZ, the columns of (3, 3), and the white (3,), each with Y = 1."""
     xy = np.reshape(chromaticities, (4, 2))
     # X, Y and Z of each: x / y, 1 and (1 − x − y) / y.
     columns = np.stack([xy[:, 0] / xy[:, 1], np.ones(4), (1 - xy.sum(1)) / xy[:, 1]])
-    primaries, white = columns[:, :3], columns[:, 3]
-    if not scaled:
-        return primaries
-    amounts = np.linalg.solve(primaries, white)  # of each primary in the white
-    return primaries * amounts
+    return columns[:, :3], columns[:, 3]

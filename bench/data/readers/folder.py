@@ -45,17 +45,9 @@ def opened(seen: Candidate) -> BTF | None:
     Radiance is linear Rec. 709 f_r · cos θ_i as the pictures hold it: EXR and .hdr as stored, 8- and 16-bit codes
     decoded as sRGB. Raises `InputError` that names `pairs.csv` and the row of any fault.
     """
-    if seen.is_folder:
-        path = seen.path
-        has_list = (path / LIST).is_file()
-    else:  # a file is the list if its first line is such a header; the list must still be called `pairs.csv`
-        path = seen.path.parent
-        has_list = ANGLES[0] in seen.first_line.lower()
-    if not has_list:
-        if seen.is_folder:
-            _refuse_other_case(path)
+    path = _folder_of(seen)
+    if path is None:
         return None
-
     rows = _read_rows(path / LIST)
     notes = _notes(path / NOTES)
     stated = np.array([_stated_angles(path, number, row) for number, row in rows])  # (N, 4)
@@ -83,11 +75,19 @@ def opened(seen: Candidate) -> BTF | None:
     return BTF(name, wo[order], wi[order], source, heldout=mask, periodic=periodic, provenance=provenance)
 
 
-def _refuse_other_case(folder: Path) -> None:
-    """Raise an `InputError` if a folder has the list under a name in another letter case, like `Pairs.csv`."""
-    for name in os.listdir(folder):
+def _folder_of(seen: Candidate) -> Path | None:
+    """The folder with a list that is given, or that holds the list that is given; None for anything else.
+
+    `InputError` if a folder has the list under a name in another letter case, like `Pairs.csv`.
+    """
+    if not seen.is_folder:  # a file is the list if its first line is such a header; it must still be called `pairs.csv`
+        return seen.path.parent if ANGLES[0] in seen.first_line.lower() else None
+    if (seen.path / LIST).is_file():
+        return seen.path
+    for name in os.listdir(seen.path):
         if name.lower() == LIST:
-            raise InputError(f"{folder / name}: its name differs in letter case: call the list {LIST}")
+            raise InputError(f"{seen.path / name}: its name differs in letter case: call the list {LIST}")
+    return None
 
 
 def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:

@@ -106,13 +106,8 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     """
     import h5py
 
-    # The link is looked at, not what it leads to, because a link into another file would open that file.
-    link = file.get(key, getlink=True)
-    if isinstance(link, h5py.SoftLink | h5py.ExternalLink):
-        where = f" in the file {link.filename}" if isinstance(link, h5py.ExternalLink) else ""
-        remedy = f"copy the data set itself to {key}, as h5repack or h5copy does"
-        raise InputError(f"{path}: {key} is a link to {link.path}{where}: {remedy}")
-    if link is None or not isinstance(file[key], h5py.Dataset):
+    _refuse_link(path, file, key)
+    if not isinstance(file.get(key), h5py.Dataset):
         listed = ", ".join(sorted(file)[:5])[:200] or "nothing"
         raise InputError(f"{path}: no data set {key} (it holds {listed}): it needs {COLOUR}, {VIEW}, {LIGHT}")
     data = file[key]
@@ -130,6 +125,18 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     return data
 
 
+def _refuse_link(path: Path, file: Any, key: str) -> None:
+    """Raise an `InputError` if `key` is a link in the file, which may lead to another file."""
+    import h5py
+
+    # What it leads to is not looked at, because that would open the other file.
+    link = file.get(key, getlink=True)
+    if isinstance(link, h5py.SoftLink | h5py.ExternalLink):
+        where = f" in the file {link.filename}" if isinstance(link, h5py.ExternalLink) else ""
+        remedy = f"copy the data set itself to {key}, as h5repack or h5copy does"
+        raise InputError(f"{path}: {key} is a link to {link.path}{where}: {remedy}")
+
+
 def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
     """Raise an `InputError` if values of a data set were never written; the library would give its fill value."""
     if not data.size:  # no values; the caller checks the shape
@@ -137,9 +144,8 @@ def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
     if not data.id.get_storage_size():
         raise InputError(f"{path}: {key} was made, but no value was ever written to it: write the file again")
     if data.chunks:
-        all_chunks = 1
-        for length, chunk_length in zip(data.shape, data.chunks, strict=True):
-            all_chunks *= -(-length // chunk_length)  # rounded up: the last chunk may be cut
+        along_axes = -(-np.array(data.shape) // data.chunks)  # rounded up: the last chunk may be cut
+        all_chunks = math.prod(along_axes.tolist())
         missing = all_chunks - data.id.get_num_chunks()
         if missing:
             fault = f"{missing:,} of the {all_chunks:,} chunks of {key} were never written"

@@ -42,11 +42,8 @@ def opened(seen: Candidate) -> BTF | None:
     files, by view, then light. Raises `InputError` that names the picture if angles are out of range, a pair appears
     twice or sizes differ.
     """
-    names = []
-    for name in sorted(seen.names):
-        _, _, bare_name = name.rpartition("/")
-        if not bare_name.startswith("."):  # some archivers add hidden copies, `._name`
-            names.append(name)
+    # Some archivers add hidden copies, `._name`.
+    names = [name for name in sorted(seen.names) if not name.rpartition("/")[2].startswith(".")]
     # No name fits both patterns: UTIA's begin with `tl`, Bonn's with other text.
     utia = _opened_as(seen, names, PRAGUE, UTIA, rgb_is_xyz=True)
     if utia is not None:
@@ -62,11 +59,7 @@ def _opened_as(
     The groups of `pattern` are θ_i, φ_i, θ_o, φ_o in degrees. Files of other names, such as notes, are left out.
     `options` go to `pictures.read_picture`.
     """
-    matches = []
-    for name in names:
-        match = pattern.search(name)
-        if match:
-            matches.append(match)
+    matches = list(filter(None, map(pattern.search, names)))
     if not matches:
         return None
     path = seen.path

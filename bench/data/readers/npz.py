@@ -95,12 +95,8 @@ def _mean_abrdf(path: Path, unit: str) -> BTF:
     for angles in (stored_theta, stored_phi):
         if angles.shape != (count,) or angles.dtype.kind not in "fiu":
             raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
-    theta, phi = in_degrees(
-        np.asarray(stored_theta.values(), np.float64),
-        np.asarray(stored_phi.values(), np.float64),
-        f"{path}: theta_deg and phi_deg",
-        unit,
-    )
+    stated_theta, stated_phi = (np.asarray(angles.values(), np.float64) for angles in (stored_theta, stored_phi))
+    theta, phi = in_degrees(stated_theta, stated_phi, f"{path}: theta_deg and phi_deg", unit)
     # Errors speak of `theta_deg` and `phi_deg`.
     directions = different_directions(
         np.radians(theta), np.radians(phi), lambda row: f"{path}: direction {row}", "_deg"

@@ -49,10 +49,7 @@ def srgb_table(levels: int) -> Array:
 
 def picture_format(head: bytes) -> str | None:
     """`jpeg`, `png`, `exr` or `hdr` from the first bytes of a file, None for anything else."""
-    for start, kind in _STARTS.items():
-        if head.startswith(start):
-            return kind
-    return None
+    return next((kind for start, kind in _STARTS.items() if head.startswith(start)), None)
 
 
 def picture_size(files: Files, name: str) -> tuple[int, int]:
@@ -130,19 +127,14 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
     height, width = header.size
     with readable(label, "the picture is damaged; get it again"):
         kind = picture_format(files.head(name, 8))  # 8 bytes are the longest of `_STARTS`
-        if kind == "exr":
-            # Its library opens a path, and nothing is extracted from an archive.
-            if not isinstance(files, FolderFiles):
-                raise InputError(f"{label}: EXR is read from folders only: extract the archive and give the folder")
-            picture = exr.read(files.root / name, label, rgb_is_xyz)
+        if kind not in ("exr", "hdr"):
+            picture = _read_codes(files.read(name), kind, header, label)
         elif kind == "hdr":
             picture = radiance.read(files.read(name), label)
-        else:
-            data = files.read(name)
-            if kind == "png" and late_orientation(data) not in (1, header.orientation):
-                fault = "notes behind its pixels say that it is turned, too late to be seen when its size is read"
-                raise InputError(f"{label}: {fault}: save it upright")
-            picture = upright(_read_codes(data, kind, header, label), header.orientation)
+        elif isinstance(files, FolderFiles):
+            picture = exr.read(files.root / name, label, rgb_is_xyz)
+        else:  # its library opens a path, and nothing is extracted from an archive
+            raise InputError(f"{label}: EXR is read from folders only: extract the archive and give the folder")
         if header.colour and kind in ("exr", "hdr"):
             picture = header.colour.in_rec709(picture)
     if picture.shape != (height, width, 3):
@@ -193,7 +185,8 @@ class PictureSource(Source):
         if labels is None:
             labels = [files.label(name) for name in self.names]
         first_labels: dict[str, str] = {}  # name → label of the first entry that lists the picture
-        for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
+        sizes = set()
+        for name, label in zip(self.names, labels, strict=True):
             _refuse_missing(files, name, label)
             # The pairs are known to differ, so one picture cannot be of two of them.
             first_label = first_labels.setdefault(name, label)  # this one, if no earlier entry lists the picture
@@ -201,17 +194,22 @@ class PictureSource(Source):
                 fault = f"{name} already stands in {first_label}, for other directions"
                 raise InputError(f"{label}: {fault}: give each pair its own picture")
             header = _header(files, name, rgb_is_xyz=options.get("rgb_is_xyz", False))
-            self.ignored += header.ignored
-            size = header.size
-            if header.orientation > 1:  # 1 is upright
-                self.orientations[name] = header.orientation
-            if header.colour:
-                self.colours[name] = header.colour.name
-            if index == 0:
-                self.shape = size
-            if size != self.shape:
-                first = f"{self.names[0]} is {self.shape[1]} x {self.shape[0]}: give all pictures one size"
-                raise InputError(f"{label}: {name} is {size[1]} x {size[0]} pixels, but {first}")
+            self._keep(name, header)
+            sizes.add(header.size)
+            if len(sizes) == 1:
+                self.shape = header.size
+            else:
+                (height, width), (first_height, first_width) = header.size, self.shape
+                first = f"{self.names[0]} is {first_width} x {first_height}: give all pictures one size"
+                raise InputError(f"{label}: {name} is {width} x {height} pixels, but {first}")
+
+    def _keep(self, name: str, header: _Header) -> None:
+        """Keep what the header of a picture says of its orientation and its colours."""
+        self.ignored += header.ignored
+        if header.orientation > 1:  # 1 is upright
+            self.orientations[name] = header.orientation
+        if header.colour:
+            self.colours[name] = header.colour.name
 
     def slice(self, pair: int) -> Array:
         """The picture of a pair (H, W, 3), read and decoded anew; `InputError` if its size is no longer the same."""
@@ -223,10 +221,7 @@ class PictureSource(Source):
     def fingerprint(self) -> str:
         """A digest of the files and, where they state any, of the orientations and colour spaces they are read with."""
         digest = self.files.digest(self.names)
-        statements = []
-        for statement in (self.orientations, self.colours):
-            if statement:
-                statements.append(str(statement))
+        statements = [str(statement) for statement in (self.orientations, self.colours) if statement]
         # Pictures that state neither keep the plain digest of earlier versions, so that results under it stay valid.
         if not statements:
             return digest
@@ -284,23 +279,26 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             # Two bytes of the marker and two of the length come first.
             bits, height, width, channels = struct.unpack_from(">BHHB", data, offset + 4)
-            reason = ""
-            if marker not in _DECODED:
-                reason = "it is lossless or hierarchical"
-            elif bits != 8:
-                reason = f"it has {bits} bits a channel"
-            if reason:
-                raise InputError(
-                    f"{label}: this JPEG is not read, because {reason}: save it with 8 bits, or as 16-bit PNG"
-                )
-            if channels not in (1, 3):
-                raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
+            _refuse_unread_jpeg(marker, bits, channels, label)
             size = height, width
         (length,) = struct.unpack_from(">H", data, offset + 2)
         offset += 2 + max(2, length)  # a damaged length below 2 still moves on
         if marker == 0xDA and offset <= len(data):  # the pixels follow
             return size
     return None
+
+
+def _refuse_unread_jpeg(marker: int, bits: int, channels: int, label: str) -> None:
+    """Raise an `InputError` unless a JPEG is read that has a frame of this marker, with so many bits a channel."""
+    reason = ""
+    if marker not in _DECODED:
+        reason = "it is lossless or hierarchical"
+    elif bits != 8:
+        reason = f"it has {bits} bits a channel"
+    if reason:
+        raise InputError(f"{label}: this JPEG is not read, because {reason}: save it with 8 bits, or as 16-bit PNG")
+    if channels not in (1, 3):
+        raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
 
 
 def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
@@ -321,10 +319,19 @@ _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": radiance
 
 
 def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
-    """A JPEG or PNG in linear Rec. 709, (H, W, 3) float32, not yet upright.
+    """A JPEG or PNG in linear Rec. 709, (H, W, 3) float32, upright.
 
-    Its codes are decoded as the colour space of `header` says, or else as sRGB.
+    Its codes are decoded as the colour space of `header` says, or else as sRGB. `InputError` for a PNG whose notes
+    behind its pixels turn it.
     """
+    if kind == "png" and late_orientation(data) not in (1, header.orientation):
+        fault = "notes behind its pixels say that it is turned, too late to be seen when its size is read"
+        raise InputError(f"{label}: {fault}: save it upright")
+    return upright(_decoded(data, kind, header, label), header.orientation)
+
+
+def _decoded(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
+    """As `_read_codes`, but as stored, not upright."""
     colour = header.colour
     if kind == "png" and data[PNG_BITS] == 16:
         stored_size = upright_size(header.size, header.orientation)

@@ -62,7 +62,7 @@ def header(data: bytes, label: str) -> Header | None:
     ignored = ["EXPOSURE=0"] if 0 in exposures else []  # some writers put 0 where they know none
     exposure = float(np.prod([value for value in exposures if value != 0]))  # 1 without any
     corrections = [_numbers("COLORCORR", value, 3) for value in values.get("COLORCORR", [])]
-    correction = np.prod([(1.0, 1.0, 1.0), *corrections], axis=0)
+    correction = np.prod(np.reshape(corrections, (-1, 3)), axis=0)  # 1, 1, 1 without any
     for key, factors in (("EXPOSURE", np.array([exposure])), ("COLORCORR", correction)):
         if not (np.isfinite(factors) & (factors > 0)).all():
             raise ValueError(f"{key} is {' '.join(f'{factor:g}' for factor in factors)}")
@@ -74,13 +74,13 @@ def header(data: bytes, label: str) -> Header | None:
         raise ValueError(f"the size is {' '.join(size_words)[:40]!r}, not like -Y 256 +X 256")
     first, first_count, second, second_count = size_words
     return Header(
-        line_end + 1,
-        (first, second),
-        (int(first_count), int(second_count)),
-        exposure,
-        tuple(correction.tolist()),
-        primaries[0] if primaries else None,
-        ignored,
+        start=line_end + 1,
+        axes=(first, second),
+        counts=(int(first_count), int(second_count)),
+        exposure=exposure,
+        correction=tuple(correction.tolist()),
+        primaries=primaries[0] if primaries else None,
+        ignored=ignored,
     )
 
 

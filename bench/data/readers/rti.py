@@ -7,7 +7,9 @@ the unit vector to the light, x right, y up, z toward the camera, as in `bench.b
 
 import logging
 import unicodedata
+from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from bench.data.readers.checks import no_duplicates, provenance_of, unit_directi
 from bench.data.readers.files import Candidate, FolderFiles, list_folder, text_of
 from bench.data.readers.pictures import PictureSource
 from bench.inputs.errors import InputError, readable
+from bench.records.meaning import grouped
 
 MAX_LIST = 16 << 20  # bytes of a list
 # Lists may be rounded, and two digits move a length by up to 1 %. This leaves room for coarser ones; a vector that is
@@ -32,11 +35,8 @@ def opened(seen: Candidate) -> BTF | None:
     """
     path = seen.path
     if seen.is_folder:
-        lists = []
-        for place in sorted(path.iterdir()):
-            is_hidden = place.name.startswith(".")  # macOS adds hidden files, `._name`
-            if place.suffix.lower() == ".lp" and place.is_file() and not is_hidden:
-                lists.append(place)
+        lists = [place for place in sorted(path.iterdir()) if place.suffix.lower() == ".lp" and place.is_file()]
+        lists = [place for place in lists if not place.name.startswith(".")]  # macOS adds hidden files, `._name`
         if len(lists) > 1:
             listed = ", ".join(place.name for place in lists[:5])
             raise InputError(f"{path}: it holds several lists ({listed}): give the path of one")
@@ -45,14 +45,15 @@ def opened(seen: Candidate) -> BTF | None:
         path = lists[0]
     elif not seen.first_line.isdecimal() and not _is_entry(seen.first_line):
         return None
-    files = FolderFiles(path.parent)
-    names, labels, vectors = _read_list(path)
-    pictures = _find_pictures(files, names, labels)
-    wi = unit_directions(vectors, labels.__getitem__, tolerance=LENGTH_TOLERANCE)
+    entries = _read_list(path)
+    folder = _Pictures(FolderFiles(path.parent))
+    pictures = [folder.found(entry) for entry in entries]
+    labels = [entry.label for entry in entries]
+    wi = unit_directions(np.array([entry.vector for entry in entries]), labels.__getitem__, tolerance=LENGTH_TOLERANCE)
     wo = np.tile(np.array([0, 0, 1], np.float32), (len(wi), 1))
     no_duplicates(wo, wi, labels.__getitem__)
     order = view_major(wo, wi)
-    source = PictureSource(files, [pictures[i] for i in order], [labels[i] for i in order])
+    source = PictureSource(folder.files, [pictures[i] for i in order], [labels[i] for i in order])
     clamp = "none here; 8-bit codes end at 1, so highlights are clipped in the photographs"
     provenance = provenance_of("RTI", "8- and 16-bit codes decoded as sRGB to linear Rec. 709", clamp=clamp)
     list_name = path.name.encode("utf-8", "backslashreplace").decode()  # a record holds no other bytes
@@ -60,8 +61,16 @@ def opened(seen: Candidate) -> BTF | None:
     return BTF(path.parent.resolve().name, wo[order], wi[order], source, provenance=provenance)
 
 
-def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
-    """The N images' names in a list as listed, a label of the line of each, and the vectors to the lights (N, 3).
+class _Entry(NamedTuple):
+    """A line of a list."""
+
+    label: str
+    picture: str  # the image's name as listed
+    vector: list[float]  # x, y, z of the light
+
+
+def _read_list(path: Path) -> list[_Entry]:
+    """The entries of a list, in its order.
 
     Warns if the list has no count. `InputError` if a line is no entry, or the count is wrong.
     """
@@ -69,10 +78,7 @@ def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of lights")
         text = text_of(path.read_bytes())
-    lines = []  # (number, text), without blank lines
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.strip():
-            lines.append((number, line.strip()))
+    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
         raise InputError(f"{path}: it is empty: give the count of images, and a line for each")
     count = None
@@ -80,18 +86,12 @@ def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
     if first_line.isdecimal():  # the count; else it is an entry already
         count = int(first_line[:18])  # longer numbers are wrong anyway, and would take long to convert
         del lines[0]
-    names, labels, vectors = [], [], []
-    for number, line in lines:
-        label = f"{path}, line {number}"
-        name, vector = _entry(label, line)
-        names.append(name)
-        labels.append(label)
-        vectors.append(vector)
+    entries = [_entry(f"{path}, line {number}", line) for number, line in lines]
     if count is None:
-        log.warning("%s: its first line is not the count of images: all %d lines are taken", path, len(names))
-    elif count != len(names) or not names:
-        raise InputError(f"{path}: line 1 says {count} images, {len(names)} are listed: correct it")
-    return names, labels, np.array(vectors)
+        log.warning("%s: its first line is not the count of images: all %d lines are taken", path, len(entries))
+    elif count != len(entries) or not entries:
+        raise InputError(f"{path}: line 1 says {count} images, {len(entries)} are listed: correct it")
+    return entries
 
 
 def _is_entry(line: str) -> bool:
@@ -107,56 +107,49 @@ def _is_entry(line: str) -> bool:
     return len(vector) == 3 and "." in cells[0]
 
 
-def _entry(label: str, line: str) -> tuple[str, list[float]]:
-    """The image name and the vector x, y, z of one line `image-name x y z`; `InputError` for any other line."""
+def _entry(label: str, line: str) -> _Entry:
+    """The entry of one line `image-name x y z`; `InputError` for any other line."""
     name, *coordinates = line.rsplit(None, 3)  # from the right, because the name may hold spaces
     try:
         # Empty texts for missing coordinates: they raise the same error as one that is no number.
         missing = [""] * (3 - len(coordinates))
-        return name, [float(text) for text in coordinates + missing]
+        return _Entry(label, name, [float(text) for text in coordinates + missing])
     except ValueError as error:
         raise InputError(f"{label}: {line[:60]!r} is not `image-name x y z`: mend the line") from error
 
 
-def _find_pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[str]:
-    """The file in the folder for each of the listed image names; `InputError` if there is none, or more than one.
+class _Pictures:
+    """Finds the pictures of a list in its folder.
 
     After a copy from another system a name may differ from its file in case, or in the form of its accents. If there is
     only one such file, it is taken.
     """
-    # Folded name → files. The folder is listed only if a name is not there.
-    alike_files: dict[str, list[str]] | None = None
-    pictures = []
-    for listed_name, label in zip(names, labels, strict=True):
-        candidates = _possible_names(listed_name)
-        with readable(label):
-            existing = [name for name in candidates if files.has(name)]
+
+    def __init__(self, files: FolderFiles):
+        self.files = files
+
+    @cached_property
+    def by_folded_name(self) -> dict[str, list[str]]:
+        """Folded name → the files that have it. The folder is listed at the first use, for a name that is not there."""
+        return grouped(list_folder(self.files.root), _folded)
+
+    def found(self, entry: _Entry) -> str:
+        """The file of an entry; `InputError` if there is none, or more than one."""
+        candidates = _possible_names(entry.picture)
+        with readable(entry.label):
+            existing = [name for name in candidates if self.files.has(name)]
         if existing:
-            pictures.append(existing[0])
-            continue
-        if alike_files is None:
-            alike_files = _by_folded_name(files)
+            return existing[0]
         alike: list[str] = []  # files whose names fold like that of a candidate; the first candidate with any counts
         for name in candidates:
-            alike = alike_files.get(_folded(name), [])
-            if alike:
-                break
-        if len(alike) != 1:
-            _, _, bare_name = listed_name.replace("\\", "/").rpartition("/")
-            remedy = "add the picture, or leave the line out and correct the count"
-            if alike:
-                remedy = f"it may be {' or '.join(alike)}: correct the name"
-            raise InputError(f"{label}: {bare_name[:100]} is missing: {remedy}")
-        pictures.append(alike[0])
-    return pictures
-
-
-def _by_folded_name(files: FolderFiles) -> dict[str, list[str]]:
-    """Folded name → the files of a folder that have it."""
-    by_folded_name: dict[str, list[str]] = {}
-    for name in list_folder(files.root):
-        by_folded_name.setdefault(_folded(name), []).append(name)
-    return by_folded_name
+            alike = alike or self.by_folded_name.get(_folded(name), [])
+        if len(alike) == 1:
+            return alike[0]
+        _, _, bare_name = entry.picture.replace("\\", "/").rpartition("/")
+        remedy = "add the picture, or leave the line out and correct the count"
+        if alike:
+            remedy = f"it may be {' or '.join(alike)}: correct the name"
+        raise InputError(f"{entry.label}: {bare_name[:100]} is missing: {remedy}")
 
 
 def _possible_names(listed_name: str) -> list[str]:

@@ -145,31 +145,32 @@ class LocalPCA(Source):
         self.count = VIEWS * LIGHTS
         self.component_names = [f"{j}.png" for j in range(COMPONENTS)]
         self.names = [*self.component_names, WEIGHTS]
-        for name in self.names:
-            label = files.label(name)
-            if not files.has(name):
-                raise InputError(f"{label}: it is missing: the material has {', '.join(self.names)}; get it again")
-            height, width = picture_size(files, name)
-            if files.head(name, PNG_FORMAT.stop)[PNG_FORMAT] != RGBA_OF_8_BITS:
-                raise InputError(f"{label}: it is not a PNG of 8 bits with red, green, blue and alpha: get it again")
-            if name == WEIGHTS:
-                # It may have more pixels: only the first ones are read.
-                if height * width < PIXELS:
-                    raise InputError(f"{label}: {width} x {height} pixels are too few: {PIXELS} hold the weights")
-                continue  # its size does not depend on that of the pictures
+        for name in self.component_names:
+            height, width = self._checked_size(name)
             texels = BYTES_A_PIXEL * height * width  # each texel of a component is one byte
             if texels != BLOCKS * size * size:
                 fault = f"{width} x {height} pixels are not {BLOCKS} blocks of {size} x {size} texels"
                 sources = f"imageSize in {NOTES} and blocks of {TOGETHER} views"
-                raise InputError(f"{label}: {fault}, as {sources} say: get both again")
+                raise InputError(f"{files.label(name)}: {fault}, as {sources} say: get both again")
+        height, width = self._checked_size(WEIGHTS)
+        if height * width < PIXELS:  # it may have more: only the first ones are read
+            fault = f"{width} x {height} pixels are too few: {PIXELS} hold the weights"
+            raise InputError(f"{files.label(WEIGHTS)}: {fault}")
+
+    def _checked_size(self, name: str) -> tuple[int, int]:
+        """(H, W) of a picture from its header; `InputError` if it is missing, or no PNG of this format."""
+        label = self.files.label(name)
+        if not self.files.has(name):
+            raise InputError(f"{label}: it is missing: the material has {', '.join(self.names)}; get it again")
+        size = picture_size(self.files, name)
+        if self.files.head(name, PNG_FORMAT.stop)[PNG_FORMAT] != RGBA_OF_8_BITS:
+            raise InputError(f"{label}: it is not a PNG of 8 bits with red, green, blue and alpha: get it again")
+        return size
 
     @cached_property
     def components(self) -> Array:
         """The components' values in bytes (blocks, texels, components) uint8; `_signed` makes numbers of them."""
-        components = []
-        for name in self.component_names:
-            components.append(self._bytes(name).reshape(BLOCKS, -1))
-        return np.stack(components, -1)
+        return np.stack([self._bytes(name).reshape(BLOCKS, -1) for name in self.component_names], -1)
 
     @cached_property
     def weights(self) -> Array:

@@ -6,7 +6,7 @@ picture's mean. More samples reduce it; they do not reduce the codec's error, th
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,15 @@ class Reached:
     seconds: float  # CPU time of all cores for the whole picture, without the fixed cost of a render
 
 
+@dataclass
+class _Way:
+    """A way to draw directions, with what was measured of it."""
+
+    lobes: Tensor | None  # None: by the cosine
+    pictures: list[np.ndarray] = field(default_factory=list)  # (H, W, 3) of each repetition
+    seconds: list[float] = field(default_factory=list)  # of one sample of all pixels, as timed again and again
+
+
 def reached(file: Path, drawn: Sequence[Tensor | None], picture: Picture = Picture()) -> list[Reached]:
     """The figures of a codec file for each of several lobes (cells, cells, 5); None draws by the cosine. All take
     turns. Raises `InputError` if Mitsuba cannot run here, or the file cannot be recorded."""
@@ -49,32 +58,28 @@ def reached(file: Path, drawn: Sequence[Tensor | None], picture: Picture = Pictu
     properties["filename"], properties["repeat"] = str(file), REPEAT
     bsdf = register()(properties)
     loaded = _loaded(bsdf, picture.side)
-    pictures: list[list[np.ndarray]] = [[] for _ in drawn]
-    slopes: list[list[float]] = [[] for _ in drawn]
+    ways = [_Way(lobes) for lobes in drawn]
 
-    def render(number: int, samples: int, seed: int) -> tuple[np.ndarray, float]:
-        """A picture (H, W, 3) drawn from one of the lobes, and the processor time that it took, in s."""
-        bsdf.draw_from(drawn[number])
+    def render(way: _Way, samples: int, seed: int) -> tuple[np.ndarray, float]:
+        """A picture (H, W, 3) drawn in one way, and the processor time that it took, in s."""
+        bsdf.draw_from(way.lobes)
         start = time.process_time()
         colours = np.asarray(mi.render(loaded, spp=samples, seed=seed))[..., :3]
         return colours, time.process_time() - start
 
     long = picture.samples + picture.timed
-    for number in range(len(drawn)):  # compile: once for each number of samples
-        render(number, picture.samples, 0)
-        render(number, long, 0)
+    for way in ways:  # compile: once for each number of samples
+        render(way, picture.samples, 0)
+        render(way, long, 0)
     for seed in range(1, picture.repetitions + 1):
-        for number in range(len(drawn)):
-            colours, short = render(number, picture.samples, seed)
-            pictures[number].append(colours)
+        for way in ways:
+            colours, short = render(way, picture.samples, seed)
+            way.pictures.append(colours)
             if seed % 4 == 1:  # a few timings are enough for a median
                 # Two renders have the same fixed cost, so their difference is the time of the further samples.
-                _, seconds = render(number, long, seed)
-                slopes[number].append((seconds - short) / picture.timed)
-    figures = []
-    for of_lobes, seconds_each in zip(pictures, slopes, strict=True):
-        figures.append(_figures(np.stack(of_lobes), float(np.median(seconds_each)), picture.samples))
-    return figures
+                _, seconds = render(way, long, seed)
+                way.seconds.append((seconds - short) / picture.timed)
+    return [_figures(np.stack(way.pictures), float(np.median(way.seconds)), picture.samples) for way in ways]
 
 
 def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:

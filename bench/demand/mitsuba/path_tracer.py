@@ -45,7 +45,7 @@ def fastest_variant() -> str:
     reason = unusable() if "llvm_ad_rgb" in mi.variants() else "this Mitsuba is built without llvm_ad_rgb"
     if not reason:
         return "llvm_ad_rgb"
-    log.warning(f"tracing with Mitsuba's scalar_rgb, which is about a thousand times slower: {reason}")
+    log.warning("tracing with Mitsuba's scalar_rgb, which is about a thousand times slower: %s", reason)
     return "scalar_rgb"
 
 
@@ -235,7 +235,7 @@ class PathTracer:
         built_in = Renderer(maps, size, sub_points)
         self.field, self.aspect = built_in.field, built_in.aspect
         # The lookup table of the built-in renderer, so that both render the same surface.
-        table = built_in._table.reshape(*self.field.shape, -1)
+        table = built_in.table.reshape(*self.field.shape, -1)
         self.table = mi.Texture2f(mi.TensorXf(table), wrap_mode=dr.WrapMode.Repeat)
         self.scene = mi.load_dict({"type": "scene", "surface": self._mesh(view_z, light_z)})
 

@@ -129,6 +129,12 @@ def test_rendered_materials_have_no_share_to_hold_out(tmp_path, monkeypatch):
     assert other.fingerprint == plain.fingerprint
 
 
+@pytest.mark.parametrize("wrong", [{"split": "train"}, {"renderer": "embree"}, {"angles": "both"}])
+def test_a_word_that_is_no_choice_is_refused_in_scripts_too(wrong):
+    with pytest.raises(InputError, match=f"^{next(iter(wrong))} must be .* or .*, not "):
+        Preparation(**wrong)
+
+
 @pytest.mark.parametrize("wrong", [{"split": "validation"}, {"heldout": 0}])
 def test_validation_beside_nothing_is_refused(wrong):
     with pytest.raises(InputError, match="validation"):

@@ -42,7 +42,7 @@ def test_nothing_is_wrong_with_a_sound_btf_and_held_out_pairs_are_not_missing(bt
 def test_a_strip_of_texels_has_a_portrait(btf, tmp_path):
     strip = like(btf, np.random.default_rng(0).uniform(0.1, 1, (len(btf), 1, 600, 3)))
     draw(look(strip), tmp_path / "strip.png")
-    assert look(strip).thumbs[0].shape == (1, 600, 3)
+    assert next(iter(look(strip).sheet.values())).shape == (1, 600, 3)
 
 
 @pytest.mark.long
