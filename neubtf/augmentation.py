@@ -38,10 +38,11 @@ class Crop:
     ) -> "Crop":
         """A random window in pictures of a shape (H, W), rescaled by `scale`.
 
-        The window has at most `largest` texels a side, in multiples of the autoencoder's stride if it can, and `around`
-        more around them, because a cut side does not repeat: with 16 the root mean square difference of latents from
-        those of the whole picture is 1e-4 of their deviation, with none 0.15. A side that would need all its texels is
-        taken whole. The inner texels reach over the border only if the picture is periodic, the surroundings always.
+        Without its surroundings the window has at most `largest` texels a side, in multiples of the autoencoder's
+        stride if it can. `around` more lie on each side, because a cut side does not repeat: with 16 the root mean
+        square difference of latents from those of the whole picture is 1e-4 of their deviation, with none 0.15. A side
+        that would then need all its texels is taken whole, so it may exceed `largest`. The inner texels reach over the
+        border only if the picture is periodic, the surroundings always.
         """
         row_place, col_place = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         rows = _Side.drawn(shape[0], row_place, largest, scale, periodic, around)

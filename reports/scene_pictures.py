@@ -49,14 +49,13 @@ def _labels_of_models(material: MaterialRows) -> list[str]:
 
     In a run without models of a scene, they are those of the best whole models.
     """
-    # Each pair is the rows of a whole model and of the model of the scene; the latter's quality sorts them, best first.
-    pairs = sorted(in_pairs(material), key=lambda pair: _quality(pair[1]), reverse=True)
-    labels_of_pairs = {scene.label: [whole.label, scene.label] for whole, scene in pairs}  # several seeds are one pair
-    if labels_of_pairs:
-        labels: list[str] = []
-        for labels_of_pair in list(labels_of_pairs.values())[:PAIRS]:
-            labels += labels_of_pair
-        return labels
+    # By label of the scene's model: the rows of the whole model and of it. Pictures show the first seed.
+    first_pairs: dict[str, tuple[Row, Row]] = {}
+    for whole, scene in in_pairs(material):
+        first_pairs.setdefault(scene.label, (whole, scene))
+    pairs = sorted(first_pairs.values(), key=lambda pair: _quality(pair[1]), reverse=True)
+    if pairs:
+        return [row.label for pair in pairs[:PAIRS] for row in pair]
     best_first = sorted(material.shown, key=_quality, reverse=True)
     return [row.label for row in best_first[:WHOLE]]
 

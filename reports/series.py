@@ -39,7 +39,7 @@ def codecs(run: Run, lines: Iterable[str] = ()) -> Series:
     An entry has its `label`, `colour`, `marker` (in Matplotlib's letters), whether the marker is `hollow`, and its
     `dash` ("" for a full line).
     """
-    styles = Styles(run)
+    styles = Styles(run.jobs)
     looks = {line: styles.of_line(line) for line in lines}
     for material in materials(run):
         for codec in material.codecs:

@@ -4,11 +4,11 @@ The first word of a label names the codec; a *setting* is one label of a codec. 
 package, so most likely the reader's *own*.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from bench.compare.frame import line_of
-from bench.records import Run, codec_of, shown_label
+from bench.records import Job, codec_of, shown_label
 
 # A colour of its own for each codec of the package: any two differ by at least 20 in CIELAB, and each has a contrast of
 # 3 or more on white and on the page's dark paper. Markers tell apart what a reader without one kind of cone, or a grey
@@ -34,10 +34,10 @@ KNOWN = (
 class Styles:
     """One colour and marker a codec, a line for each of its settings; codecs from outside are drawn above others."""
 
-    def __init__(self, run: Run):
-        labels = dict.fromkeys(map(shown_label, run.jobs))  # each once, in the order of the suite
+    def __init__(self, jobs: Collection[Job]):
+        labels = dict.fromkeys(map(shown_label, jobs))  # each once, in the order of the suite
         self.outside_codecs = list(dict.fromkeys(codec_of(label) for label in labels if is_own(label)))
-        self.codec_of_line = {line_of(job): codec_of(shown_label(job)) for job in run.jobs if "label" in job}
+        self.codec_of_line = {line_of(job): codec_of(shown_label(job)) for job in jobs if "label" in job}
         self.labels_of_codec: dict[str, list[str]] = {}  # by name of codec, each of its settings
         for label in labels:
             self.labels_of_codec.setdefault(codec_of(label), []).append(label)

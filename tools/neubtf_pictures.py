@@ -144,7 +144,7 @@ def frontal(btf: BTF) -> Array:
     return btf[int((trained.wo[:, 2] + trained.wi[:, 2]).argmax())]
 
 
-def propagated(btf: BTF, material: NeuBTFMaterial) -> list[float]:
+def psnr_of_parts(btf: BTF, material: NeuBTFMaterial) -> list[float]:
     """Pooled display PSNR in dB: of the quarter that was seen, of the rest, and, on the rest, of the mean ABRDF of the
     quarter."""
     shown = exposure(btf)
@@ -152,8 +152,9 @@ def propagated(btf: BTF, material: NeuBTFMaterial) -> list[float]:
     seen[: btf.shape[0] // 2, : btf.shape[1] // 2] = True
     errors = []
     for pair in heldout(btf):
-        truth = to_display(btf[pair], shown)
-        mean = to_display(btf[pair][seen].mean(0), shown)
+        radiance = btf[pair]
+        truth = to_display(radiance, shown)
+        mean = to_display(radiance[seen].mean(0), shown)
         error = np.square(to_display(decoded(material, btf, pair), shown) - truth)
         errors.append([error[seen].mean(), error[~seen].mean(), np.square(truth[~seen] - mean).mean()])
     return pooled(errors)
@@ -233,7 +234,7 @@ def draw_propagation(bench: Bench) -> None:
         materials = []
         for kind in FITS:
             material = guided(bench.quarter(name, kind), frontal(btf), Treatment(exposure=RADIANCE))
-            told = " | ".join(f"{value:.2f}" for value in propagated(btf, material))
+            told = " | ".join(f"{value:.2f}" for value in psnr_of_parts(btf, material))
             print(f"| {Path(name).name} | {kind} | {told} |", flush=True)
             materials.append(material)
         if "/" in name:  # pictures of measured data are not published

@@ -112,9 +112,9 @@ def _legal(text: str) -> str:
 def tracker(run: Run) -> dict[str, str]:
     """The text of each of `FILES` by its name: the means over seeds of each row of finished jobs, and its time."""
     entries: dict[str, list[dict[str, Any]]] = {name: [] for name in FILES.values()}
-    rows = by_row(job for job in run.jobs if job["status"] == "ok")
-    timed = multiples(chain.from_iterable(rows.values()), run.timings)
-    for row, jobs in rows.items():
+    finished = [job for job in run.jobs if job["status"] == "ok"]
+    timed = multiples(finished, run.timings)
+    for row, jobs in by_row(finished).items():
         for quantity in [*deciding(jobs[0]), *undeciding(jobs[0])]:
             values_of_seeds = [quantity.value(job) for job in jobs]
             values = [value for value in values_of_seeds if value is not None and math.isfinite(value)]

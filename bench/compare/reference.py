@@ -241,13 +241,16 @@ def _reduced_record(job: Job, folder: Path, whole: bool) -> Job:
     line = kept(job, records.REFERENCE)
     line["scores"] = _reduced_scores(job, whole)
     line["footprints"] = _reduced_footprints(job, whole)
-    kept_metrics = line["scores"][deciding_group(job["scores"])]["metrics"]
-    line["metrics"] = {name: line["metrics"][name] for name in kept_metrics}
+    line["metrics"] = {name: line["metrics"][name] for name in metrics_of(line)}
     if whole:
-        slices = decibels(folder, job)
-        if slices is not None:  # None: the run has no file of them
-            line["slices"] = {PSNR: packed(slices)}
+        line |= _packed_slices(job, folder)
     return rounded(line)
+
+
+def _packed_slices(job: Job, folder: Path) -> Job:
+    """The field with the PSNR of each slice of a job, packed; empty if the run has no file of them."""
+    slices = decibels(folder, job)
+    return {} if slices is None else {"slices": {PSNR: packed(slices)}}
 
 
 def _reduced_scores(job: Job, whole: bool) -> dict[str, Group]:
@@ -360,7 +363,7 @@ def _once(job: Job, start: RunStart) -> Job:
 
 def published_job(job: Job, folder: Path) -> Job:
     """The record of a job of a run's folder as it is published: without what names this machine or a person, and what
-    no table or page reads; the errors of its slices are packed into it."""
+    no table or page reads; the PSNR of its slices is packed into it."""
     line = kept(job, records.RESULTS)
     if "error" in line:
         line["error"] = _without_home(str(line["error"]))[:500]
@@ -377,10 +380,7 @@ def published_job(job: Job, folder: Path) -> Job:
         line["pairs"] = {name: count for name, count in line["pairs"].items() if ", " not in name}
     if "history" in line:
         line["history"] = rounded(line["history"], 4)  # of a curve that is drawn
-    slices = decibels(folder, job)
-    if slices is not None:
-        line["slices"] = {PSNR: packed(slices)}
-    return line
+    return line | _packed_slices(job, folder)
 
 
 def _without_home(text: str) -> str:

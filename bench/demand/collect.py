@@ -175,6 +175,19 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
 def _size(scene: Caster, limit: int) -> tuple[int, int]:
     """Height and width of the frames that make about `limit` queries, at most those of the picture."""
     height, width = scene.picture
+    of_limit = SPARE * limit / (_pixels_shown(scene) * scene.samples)  # of the queries that all pixels would make
+    of_memory = min(FRAME, CELLS // scene.frames) / (height * width)
+    # These are shares of the pixels; each of the two sides shrinks by the root.
+    scale = min(1.0, math.sqrt(of_limit), math.sqrt(of_memory))
+    return max(1, int(height * scale)), max(1, int(width * scale))
+
+
+def _pixels_shown(scene: Caster) -> float:
+    """About how many pixels of all frames show the material, by a coarse preview of each.
+
+    `InputError` if no ray of it finds the material.
+    """
+    height, width = scene.picture
     shrink = min(1.0, PREVIEW / max(height, width))
     preview_height = max(1, round(height * shrink))
     preview_width = max(1, round(width * shrink))
@@ -186,15 +199,7 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
     if not any(shown):
         where = "it is behind the camera, out of the picture, or hidden: move the camera or the material"
         raise InputError(f"{scene.name}: no ray of the camera finds the material: {where}")
-    # The queries that all pixels of all frames would make: each pixel that shows the material makes one a sample of
-    # light. The share of these pixels is that of the preview, summed over frames.
-    share = sum(shown) / (preview_height * preview_width)
-    wanted = share * height * width * scene.samples
-    of_limit = SPARE * limit / wanted
-    of_memory = min(FRAME, CELLS // scene.frames) / (height * width)
-    # These are shares of the pixels; each of the two sides shrinks by the root.
-    scale = min(1.0, math.sqrt(of_limit), math.sqrt(of_memory))
-    return max(1, int(height * scale)), max(1, int(width * scale))
+    return sum(shown) / (preview_height * preview_width) * height * width
 
 
 def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[Array, Array]:

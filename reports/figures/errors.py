@@ -102,12 +102,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     if not maps:
         return None
     title = f"{material.name}: FLIP over the hemispheres"
-    top = 0.0
-    for _, polar in maps:
-        for side in _SIDES:
-            value = np.array(polar[side]["value"], float)  # by cell
-            top = np.max(value, where=np.isfinite(value), initial=top)
-    scale = Normalize(0, top or 1)  # a range also where no codec has an error
+    scale = _from_zero([polar for _, polar in maps])
     # In a block the hemisphere of views is above that of lights.
     lines, per_line = grid_of(len(maps), columns=6)
     # At least four blocks wide: the title and the split stand on one line.
@@ -126,6 +121,16 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     bar = sheet.scale(sheet.width - _BAR, _POLAR_TOP, (_BAR_WIDTH, 260), "cividis", norm=scale)
     bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
     return Figure(material.name, "polar", title, sheet.png(), sheet)
+
+
+def _from_zero(maps: Sequence[dict[str, Any]]) -> Normalize:
+    """The scale from 0 to the largest value of any cell; to 1 where no codec has an error."""
+    top = 0.0
+    for polar in maps:
+        for side in _SIDES:
+            value = np.array(polar[side]["value"], float)  # by cell
+            top = np.max(value, where=np.isfinite(value), initial=top)
+    return Normalize(0, top or 1)
 
 
 def _disc(stored: dict[str, Any], scale: Normalize) -> np.ndarray:
@@ -156,7 +161,7 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
     None if no codec has stored the errors of its slices.
     """
     curves = of_shown(run, material, "slices", _READ)
-    styles = Styles(run)
+    styles = Styles(run.jobs)
     if not curves:
         return None
     title = f"{material.name}: quality by angle"

@@ -28,7 +28,7 @@ _NOTE = 115  # characters in a line of a note
 
 def fronts(run: Run) -> Iterator[Figure]:
     """One figure for each kind of surface (measured, rendered, …), if a line has a curve on one of that kind."""
-    styles = Styles(run)
+    styles = Styles(run.jobs)
     for front in front_plots(run):
         with style():
             title = f"Quality over bytes and time, {front.kind} surfaces"
@@ -66,7 +66,7 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
     drawable = [row for row in run.choices if "error" not in row and row.get("psnr") is not None]
     for material, rows in grouped(drawable, itemgetter("material")).items():
         with style():
-            drawing = _drawn_choices(material, rows, Styles(run))
+            drawing = _drawn_choices(material, rows, Styles(run.jobs))
             yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
 
 
@@ -124,7 +124,7 @@ def plot_figures(run: Run, kind: str) -> Iterator[Figure]:
 
     Plots of means over materials, which the page also has, are left out.
     """
-    styles = Styles(run)
+    styles = Styles(run.jobs)
     by_name = {material.name: material for material in materials(run)}
     for plot in plots_of(run):
         if plot["kind"] == kind and plot["material"]:

@@ -6,12 +6,11 @@ A *start* is one call of the command that measures, at one *revision* of the cod
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from statistics import fmean
 from typing import Any
 
 from bench.metrics import stats_of
-from bench.records import PSNR, Job, Records, Run, RunStart, Timing, shown_label
+from bench.records import PSNR, Job, Run, RunStart, Timing, shown_label
 from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
 from reports.styles import Styles
 
@@ -29,14 +28,13 @@ _QUANTITIES: dict[str, Callable[[Job, Timing], float | None]] = {
 
 def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
     """One figure a material, its starts in the order of their times; a point is a mean over seeds."""
-    jobs: dict[Any, Job] = {}  # of all runs together, so that a codec looks alike in every figure
+    jobs: list[Job] = []  # of all runs together, so that a codec looks alike in every figure
     starts: dict[str, RunStart] = {}  # by name
-    for number, run in enumerate(runs):
-        for job in run.jobs:
-            jobs[number, job["job"]] = job
+    for run in runs:
+        jobs += run.jobs
         for start in run.starts:
             starts[start.get("run", "")] = start  # a reference names no start, nor do its jobs
-    styles = Styles(Run(Path(), jobs=Records(jobs)))  # which reads nothing of a folder
+    styles = Styles(jobs)
     for material, codecs in _materials(runs).items():
         with style():
             yield _figure(material, codecs, starts, styles)

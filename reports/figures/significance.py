@@ -30,7 +30,7 @@ def significance(run: Run) -> Iterator[Figure]:
     """
     rows = materials(run)
     against = against_one(run, rows, with_rank(rows, ranked(rows)))
-    styles = Styles(run)
+    styles = Styles(run.jobs)
     parts = {material.name: against.on[material.name] for material in rows if material.name in against.on}
     if len(parts) > 1:
         yield _figure("", f"all {len(parts)} materials", against.first, against.over, styles)
@@ -108,7 +108,7 @@ def critical_differences(run: Run) -> Iterator[Figure]:
     if not ranking:
         return
     title = f"Mean ranks over surfaces at {in_words(ENOUGH)}"
-    styles = Styles(run)
+    styles = Styles(run.jobs)
     count = len(ranking.mean)
     with style():
         drawing = new(9.6, 1.2 + 0.24 * count)

@@ -13,8 +13,8 @@ from reports.styles import COLOURS, KNOWN, MARKERS, OWN, Styles
 
 def test_a_codec_looks_the_same_in_every_run_and_material(made):
     made.job("vq").job("mine", material="brick").job("pca components=8").job("pca components=16")
-    styles = Styles(load_run(made.folder))
-    assert styles.of_codec("vq") == Styles(load_run(made.job("other").folder)).of_codec("vq")
+    styles = Styles(load_run(made.folder).jobs)
+    assert styles.of_codec("vq") == Styles(load_run(made.job("other").folder).jobs).of_codec("vq")
     one, two = styles.of_codec("pca components=8"), styles.of_codec("pca components=16")
     assert (one["color"], one["marker"]) == (two["color"], two["marker"])
     assert (one["linestyle"], one["markerfacecolor"]) != (two["linestyle"], two["markerfacecolor"])
@@ -26,7 +26,7 @@ def test_a_codec_looks_the_same_in_every_run_and_material(made):
 def test_no_two_of_the_codecs_look_alike(made):
     for i in range(40):
         made.job(f"outside{i}")
-    styles = Styles(load_run(made.folder))
+    styles = Styles(load_run(made.folder).jobs)
     names = [*KNOWN, *(f"outside{i}" for i in range(40))]
     looks = map(styles.of_codec, names)
     assert len({(look["color"], look["marker"]) for look in looks}) == len(names)  # lines tell settings apart
