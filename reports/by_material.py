@@ -448,19 +448,17 @@ def tables(materials: Iterable[MaterialRows], name: str, stale: bool = True) -> 
 def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
     """The values of each codec on a material, over its seeds, by field, what stands beside each, or why it has none.
 
-    Further columns: `codec`, its label; `stale`, its name and why its newest seed cannot be made again; `measured`,
-    whether it has numbers; and whether it is `unranked`, has times that were `timed apart`, or is `in addition` to the
-    codecs. Codecs without numbers say why: `n/c` for each value if a job is not comparable, “failed” for the
+    Further columns: `codec`, its label; and whether it is `stale`, since the installed version cannot make some seed
+    again; is `measured`, so that it has numbers; is `unranked`; has times that were `timed apart`; or is `in addition`
+    to the codecs. Codecs without numbers say why: `n/c` for each value if a job is not comparable, “failed” for the
     first if one failed.
     """
     for codec in codecs:
         measured = [_values(row) for row in codec.measured]
-        reasons = [row.values["stale"] for row in codec.rows]
-        stale = next((reason for reason in reversed(reasons) if reason), "")
         apart = any(row.timed_apart for row in codec.measured)
         values: dict[str, Any] = {
             "codec": codec.label,
-            "stale": f"{codec.codec}: {stale}" if stale else "",
+            "stale": any(row.values["stale"] for row in codec.rows),
             "measured": bool(measured),
             "unranked": codec.of_scene,
             "timed apart": apart,
@@ -493,7 +491,7 @@ def _in_addition(job: Job, measures: Sequence[Measure]) -> Iterator[dict[str, An
     The first needs a file that is a factorisation, such as a codec makes; the second has a PSNR if the material is
     badly exposed. `job` is any comparable one of the material.
     """
-    empty: dict[str, Any] = {"stale": "", "measured": False, "timed apart": False}
+    empty: dict[str, Any] = {"stale": False, "measured": False, "timed apart": False}
     empty |= {"unranked": True, "unranked in time": True, "in addition": True}
     for measure in measures:
         empty |= {measure.field: nan, measure.beside: nan, measure.why: ""}

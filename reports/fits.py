@@ -13,7 +13,7 @@ import pandas as pd
 from bench.records import Job, Run, as_published, codec_of, grouped
 from reports.rows import materials
 from reports.table import Table
-from reports.values import Column, Stale, written
+from reports.values import Column, stale_jobs, written
 
 GOALS_DB = (30, 35)  # tables show how soon each is reached
 NOTE = (
@@ -73,14 +73,14 @@ def stages_note(curves: Sequence[FitCurve]) -> str:
 
 def fit_tables(run: Run) -> Iterator[Table]:
     """A table for each material with curves: the end of each fit, then steps and seconds to each goal."""
-    stale = Stale(run.jobs)
+    stale = stale_jobs(run.jobs)
     columns = [Column("codec", "", "codec"), Column("end", "dB ↑", "psnr", 2)]
     columns += [Column("steps", "", "steps", 0), Column("time", "s ↓", "seconds", -2)]
     for goal in GOALS_DB:
         columns.append(Column(f"to {goal} dB", "steps ↓", f"steps to {goal}", 0))
         columns.append(Column(f"to {goal} dB", "s ↓", f"seconds to {goal}", -2))
     for name, curves in curves_by_material(run).items():
-        values = pd.DataFrame([_row(fit) | {"stale": stale.of([fit.job])} for fit in curves])
+        values = pd.DataFrame([_row(fit) | {"stale": fit.job in stale} for fit in curves])
         yield written("fits", f"{name}: how soon a fit is good", values, columns, [NOTE], material=name)
 
 

@@ -76,11 +76,11 @@ def why_absent(leader: str) -> str:
     return f"{leader} leads on the surfaces where its curve reaches that size"
 
 
-def stale_of(rungs: Rungs, lines: Iterable[str], surfaces: Sequence[str] = ()) -> list[str]:
-    """Of each line its codec and why its numbers, on some surfaces or on all, cannot be made again; "" if they can."""
+def stale_of(rungs: Rungs, lines: Iterable[str], surfaces: Sequence[str] = ()) -> list[bool]:
+    """Of each line whether numbers, on some surfaces or on all, cannot be made again by the installed version."""
     on = surfaces or rungs.surfaces
-    reasons = {line: reason for (line, surface), reason in rungs.stale.items() if surface in on}
-    return [reasons.get(line, "") for line in lines]
+    stale = {line for line, surface in rungs.stale if surface in on}
+    return [line in stale for line in lines]
 
 
 def in_words(budget: Budget) -> str:

@@ -24,8 +24,8 @@ from bench.records import FLIP, PSNR, SSIM, Job, Run, Statistics, as_published, 
 from reports.numbers import EXACT, NONE, NOT_APPLICABLE, fixed, signed
 from reports.rows import MaterialRows
 from reports.rows import Row as MaterialRow
-from reports.table import STALE, Note, OfData, Table, stale_note
-from reports.values import Column, Row, Stale, written
+from reports.table import STALE, STALE_NOTE, Note, OfData, Table
+from reports.values import Column, Row, stale_jobs, written
 
 NONE_YET = "none yet"  # a cell of ours for a material that could not be had
 METHOD, RECIPE = "neubtf", "recipe=paper"  # the codec whose numbers the paper states, with the setting that it needs
@@ -91,7 +91,7 @@ def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
     could not be had. `numbers` are rows of `_numbers`.
     """
     fits = numbers[numbers["by_recipe"] & (numbers["status"] == "ok") & (numbers["group"] == "train")]
-    fits = fits.assign(fresh=fits["stale"] == "")
+    fits = fits.assign(fresh=~fits["stale"])
     best_first = fits.sort_values(["itself", "fresh", "fitted", "steps"], ascending=False, kind="stable")
     chosen = best_first.drop_duplicates(["paper", "family"])  # the first of each
     ours = {(fit["paper"], fit["family"]): fit for fit in chosen.to_dict("records")}
@@ -105,9 +105,9 @@ def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
         columns.append(Column(OfData(material), OfData(below), material, write=partial(_cell, material)))
     values = pd.DataFrame(_short_rows(ours), dtype=object)
     notes = _short_notes(fits_of_psnr, missing)
-    stale = {material: fit["stale"] for material, fit in fits_of_psnr.items() if fit["stale"]}
+    stale = {material for material, fit in fits_of_psnr.items() if fit["stale"]}
     if stale:
-        notes.append(Note((stale_note(dict.fromkeys(stale.values())), stale.__contains__)))
+        notes.append(Note((STALE_NOTE, stale.__contains__)))
     return written("paper", "Table 1 of NeuBTF (2023), and ours", values, columns, notes)
 
 
@@ -184,7 +184,7 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
         if fits[0]["status"] == "ok" or fits[0]["group"] == "all":
             rows.append(_full_row(fits))
     for material in [name for name in missing if name in PUBLISHED]:
-        row = {"material": material, "codec": f"{METHOD} {RECIPE}", "seeds": "", "pairs": "all", "stale": ""}
+        row = {"material": material, "codec": f"{METHOD} {RECIPE}", "seeds": "", "pairs": "all", "stale": False}
         rows.append(row | dict.fromkeys(_METRICS, NONE_YET) | _printed(material))
     if not rows:
         return None
@@ -253,7 +253,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
             std=("std", "mean"),
             over_seeds=("mean", lambda means: means.std(skipna=False)),
             seeds=("mean", "size"),
-            stale=("stale", lambda reasons: next(filter(None, reasons), "")),
+            stale=("stale", "any"),
             **{name: (name, "first") for name in ("by_recipe", "steps", "size", "why")},
         )
     )
@@ -267,7 +267,6 @@ def _number(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
     height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
     stats = stats_of(job, family, group) if job["status"] == "ok" else Statistics()
     exact = all_exact(stats)
-    stale = fit.values["stale"] if job["status"] == "ok" else ""
     return {
         "material": job["material"],
         "paper": NEAREST.get(job["material"], job["material"]),
@@ -277,7 +276,7 @@ def _number(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
         "family": family,
         "fitted": job.get("pairs", {}).get("train", 0),
         "by_recipe": job.get("codec") == METHOD and as_published(job),
-        "stale": f"{job['codec']}: {stale}" if stale else "",
+        "stale": job["status"] == "ok" and bool(fit.values["stale"]),
         "steps": job.get("settings", {}).get("steps", 0),
         "size": f"{height} × {width}" if height != width else "",  # the paper's are square
         "mean": nan if exact else stats.get("mean"),
@@ -322,14 +321,14 @@ def ablation_table(run: Run) -> Table | None:
         "A change is told by the settings that differ from the row “as it is”.",
     ]
 
-    values = pd.DataFrame(_ablation_rows(jobs, materials, Stale(run.jobs)))
+    values = pd.DataFrame(_ablation_rows(jobs, materials, stale_jobs(run.jobs)))
     if values.filter(regex=" psnr$| ssim$").isna().any(axis=None) or values["flops"].isna().any():
         notes.append(f"{NONE}: not measured.")
     title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
     return written("ablation", title, values, columns, notes, words=2)
 
 
-def _ablation_rows(jobs: Sequence[Job], materials: Sequence[str], stale: Stale) -> Iterator[dict[str, Any]]:
+def _ablation_rows(jobs: Sequence[Job], materials: Sequence[str], stale: set[str]) -> Iterator[dict[str, Any]]:
     """The values of each label; its parameters and FLOP are those of its first job."""
     unchanged: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
     for job in jobs:
@@ -341,7 +340,7 @@ def _ablation_rows(jobs: Sequence[Job], materials: Sequence[str], stale: Stale) 
         changes = " ".join(setting for setting in settings if setting not in unchanged_label.split())
         row: dict[str, Any] = {"codec": job["codec"], "change": changes or "as it is"}
         row |= {"parameters": job["parameters"], "flops": job["cost"].get("flops_per_sample", nan)}
-        row["stale"] = stale.of(each["job"] for each in of_label)
+        row["stale"] = any(each["job"] in stale for each in of_label)
         for material in materials:
             psnr = _mean(jobs, material, label, PSNR)
             row[f"{material} psnr"] = psnr

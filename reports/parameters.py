@@ -16,7 +16,7 @@ from bench.records import Job, as_published, grouped, shown_label
 from reports.choice import Choice
 from reports.numbers import NONE
 from reports.table import Note, Table
-from reports.values import Column, Row, Stale, written
+from reports.values import Column, Row, stale_jobs, written
 
 EXECUTIONS = ("eager", "fused", "gpu")  # `gpu`: the quickest on a GPU
 
@@ -67,7 +67,7 @@ def parameters_table(jobs: Iterable[TimedJob], choice: Choice | None = None) -> 
     jobs_of_rows = _jobs_of_rows(_finished(chosen_jobs))
     if not jobs_of_rows:
         return None
-    stale = Stale(chosen_jobs)
+    stale = stale_jobs(chosen_jobs)
     values = pd.DataFrame([_row(same_decoder, stale) for same_decoder in jobs_of_rows])
     counted = list(chain.from_iterable(jobs_of_rows))
     gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
@@ -97,7 +97,7 @@ def _jobs_of_rows(jobs: Iterable[TimedJob]) -> list[list[TimedJob]]:
     return [decoders[key] for key in keys]
 
 
-def _row(same_decoder: Sequence[TimedJob], stale: Stale) -> dict[str, Any]:
+def _row(same_decoder: Sequence[TimedJob], stale: set[str]) -> dict[str, Any]:
     """The values of the row of some jobs with one decoder: the counts, and the times in ns, NaN where none was timed.
 
     The job that names the row has the shortest label, which has the fewest settings.
@@ -112,7 +112,7 @@ def _row(same_decoder: Sequence[TimedJob], stale: Stale) -> dict[str, Any]:
         **_beside("param.", cast(int, job["parameters"]), paper.parameters),
         **_beside("channels", job["cost"]["texture_channels"], paper.channels),
         **{name: times.get(name, nan) for name in EXECUTIONS},
-        "stale": stale.of(each.get("job", "") for each in same_decoder),
+        "stale": any(each.get("job") in stale for each in same_decoder),
     }
 
 

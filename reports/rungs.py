@@ -113,7 +113,7 @@ class Rungs:
     frame: pd.DataFrame
     surfaces: dict[str, str]  # the kind of each material that has a rung at some budget, in the order of records
     shapes: dict[str, tuple[int, int]]  # of each material: height and width in texels
-    stale: Mapping[tuple[str, str], str]  # by line and material: “codec: why its numbers cannot be made again”
+    stale: set[tuple[str, str]]  # lines and materials with numbers that the installed versions cannot make again
     without: list[Job]  # without a score of validation pairs
     unlike: list[Job]  # not comparable with the published ones of their material, or else with the newest
 
@@ -407,7 +407,7 @@ def rungs_of(run: Run) -> Rungs:
     if not scored:
         names = ["line", "codec", "label", "setting", "material", "job", "height", "width", "bits"]
         names += [*_COSTS, *_SCORES, "seeds"]
-        return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, {}, without, [])
+        return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, set(), without, [])
     frame = frame_of(replace(run, jobs=Records(scored)), records=False)
     unlike = [scored[name] for name in frame.loc[frame["why"] != "", "job"]]
     comparable = frame[frame["why"] == ""]
@@ -420,9 +420,9 @@ def rungs_of(run: Run) -> Rungs:
         shapes[row["material"]] = int(row["height"]), int(row["width"])
         if row["material"] in within:
             surfaces[row["material"]] = row["surface"]
-    stale = values[values["stale"] != ""].drop_duplicates(["line", "material"], keep="last").to_dict("records")
-    reasons = {(row["line"], row["material"]): f"{row['codec']}: {row['stale']}" for row in stale}
-    return Rungs(rungs, surfaces, shapes, reasons, without, unlike)
+    of_stale = values[values["stale"] != ""]
+    stale = {*zip(of_stale["line"], of_stale["material"], strict=True)}
+    return Rungs(rungs, surfaces, shapes, stale, without, unlike)
 
 
 def _materials_within_budgets(rungs: pd.DataFrame) -> set[str]:

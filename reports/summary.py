@@ -81,7 +81,7 @@ def summary_table(
         if standing.rank is None:
             row |= {column.field: nan for column in means}
         if not stale:
-            row["stale"] = ""
+            row["stale"] = False
         rows.append(row)
     notes_on_differences: list[Note] = []
     # To the right, the differences to one row; they are never marked.
@@ -101,7 +101,7 @@ def summary_table(
 class _OnMaterial(NamedTuple):
     """The values of a codec on one material, over its seeds."""
 
-    stale: str  # see `reports.by_material.rows_of`, as of the next
+    stale: bool  # see `reports.by_material.rows_of`, as of the next
     timed_apart: bool
     stated: dict[str, float]  # by name of a column; infinite if no slice has an error
     counted: dict[str, float]  # the same, but such a slice counts as a number, such as 48.13 dB
@@ -111,7 +111,7 @@ def _row(standing: Standing, on_each: Sequence[_OnMaterial], measures: Sequence[
     """The values of a codec by column, as means over its materials."""
     return {
         "codec": standing.label,
-        "stale": next((on.stale for on in reversed(on_each) if on.stale), ""),
+        "stale": any(on.stale for on in on_each),
         "timed apart": any(on.timed_apart for on in on_each),
         "materials": standing.materials,
         "mean rank": standing.rank,

@@ -4,7 +4,7 @@ A *mark* makes a cell bold or underlined. A *note* is a text below a table. A ta
 such as that of the codec; the others have *numbers*.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 BOLD, UNDERLINED = "bold", "underlined"  # the marks of cells; plain text shows `DOT` for the first
 FEW = 3  # rows that may share a mark: a value that more rows have is no distinction
 STALE = " †"  # after a codec whose records are of an older version than the installed one
+STALE_NOTE = "†: stale, of an earlier version: the installed one cannot make these numbers again."
 DOT = "•"  # before the best of a column in plain text, which has no bold
 LEGEND = "Bold: the best of a column. Underlined: the second best."
 TERMS = {  # of headers, explained above the tables that have them
@@ -169,8 +170,3 @@ class Table:
             if note_on_kept:
                 notes.append(note_on_kept)
         return replace(self, headers=headers, rows=rows, notes=notes, marks=marks)
-
-
-def stale_note(reasons: Iterable[str]) -> str:
-    """The note on rows with the mark `STALE`, each reason with its codec."""
-    return f"†: stale, its numbers cannot be made again by the installed version: {'; '.join(reasons)}."

@@ -17,13 +17,13 @@ from bench.compare.choosing import answers, is_plain, name_of_choice, on_front
 from bench.records import Run, Timing, conditions_in_words, grouped
 from reports.numbers import NONE
 from reports.table import Table
-from reports.values import Column, Stale, written
+from reports.values import Column, stale_jobs, written
 
 
 def trade_tables(run: Run, whole: bool = False) -> Iterator[Table]:
     """The choices of each material that are on a front; none if no trade was measured. With `whole` all choices,
     their stability, and the ceilings last."""
-    stale = Stale(run.jobs)
+    stale = stale_jobs(run.jobs)
     for material, rows in grouped(run.choices, itemgetter("material")).items():
         rows.sort(key=lambda row: "of" not in row)  # the floor last
         yield _choices(material, rows, list(answers(material, rows)), stale, whole)
@@ -62,7 +62,7 @@ _ABOVE = (
 )
 
 
-def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale: Stale, whole: bool) -> Table:
+def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale: set[str], whole: bool) -> Table:
     """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
 
     Without `whole`, choices on no front are left out. `sentences` are about the material, such as which choice is the
@@ -75,7 +75,7 @@ def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale:
         rows = [row for row in rows if row["job"] not in beaten]
         left_out = f"Left out, because others beat them at these pairs: {len(beaten)} choices. --all shows them, too."
         sentences = [*sentences, left_out]
-    values = pd.DataFrame([_values(row, fronts) | {"stale": stale.of([row.get("job", "")])} for row in rows])
+    values = pd.DataFrame([_values(row, fronts) | {"stale": row.get("job") in stale} for row in rows])
     notes = [*sentences, _conditions(rows)]
     notes += [f"{name_of_choice(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed
     if values["above limit"].any():
@@ -136,7 +136,7 @@ def _conditions(rows: Sequence[Timing]) -> str:
     )
 
 
-def _stability(material: str, rows: Sequence[Timing], stale: Stale) -> Table:
+def _stability(material: str, rows: Sequence[Timing], stale: set[str]) -> Table:
     """A row for each choice of another execution or precision than eager float32: its time, and how far its answers are
     from those of eager float32 with the same label. `rows` are all choices of the material."""
     psnr_of_eager_float32: dict[str, float] = {}  # by label
@@ -150,7 +150,7 @@ def _stability(material: str, rows: Sequence[Timing], stale: Stale) -> Table:
             # Without that of eager float32 its slices could not be read.
             gained = cast(float, row["psnr"]) - psnr_of_eager_float32.get(row["label"], nan)
             own = {"codec": name_of_choice(row), "time": row["ratio_to_floor"], "worst": worst, "gained": gained}
-            found.append(own | {"flip": row.get("flip"), "stale": stale.of([row.get("job", "")])})
+            found.append(own | {"flip": row.get("flip"), "stale": row.get("job") in stale})
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."

@@ -14,7 +14,7 @@ import pandas as pd
 from bench.codecs.alike import stale
 from bench.records import Job
 from reports.numbers import EXACT, NONE, as_read, fixed, signed, significant
-from reports.table import BOLD, FEW, STALE, UNDERLINED, Spread, Table, stale_note
+from reports.table import BOLD, FEW, STALE, STALE_NOTE, UNDERLINED, Spread, Table
 
 Row = Mapping[Hashable, Any]  # a row of the frame by column
 _ENDS = {"↑": "higher", "↓": "lower"}  # the better end of a column, by its arrow
@@ -86,21 +86,19 @@ def written(
 ) -> Table:
     """The table of cells, for the fields of `Table`, with its best and second best values marked.
 
-    A column `stale` of `values` says in words which codec of a row cannot be made again, and why, or "": such rows are
-    marked in their column "codec", or else in the first, and a note has these words.
+    A column `stale` of `values` says which rows the installed version of their codec cannot make again: they are marked
+    in their column "codec", or else in the first.
     """
     rows = []
-    reasons: dict[str, None] = {}  # each once
     for row in values.to_dict("records"):
         cells = [column.cell(row) for column in columns]
         if row.get("stale"):
-            reasons[row["stale"]] = None
             fields = [column.field for column in columns]
             place = fields.index("codec") if "codec" in fields else 0
             cells[place] += STALE
         rows.append(cells)
     headers = [(column.name, column.unit) for column in columns]
-    all_notes = [*notes, stale_note(reasons)] if reasons else [*notes]
+    all_notes = [*notes, STALE_NOTE] if "stale" in values and values["stale"].any() else [*notes]
     marks = {}
     for number, column in enumerate(columns):
         for row_number, mark in _marked(values, column).items():
@@ -109,17 +107,12 @@ def written(
     return Table(kind, title, headers, rows, all_notes, words, material, marks=marks, values=named)
 
 
-class Stale:
-    """Why the installed versions cannot make some jobs again."""
+def stale_jobs(jobs: Iterable[Job]) -> set[str]:
+    """The names of the finished jobs that the installed versions of their codecs cannot make again.
 
-    def __init__(self, jobs: Iterable[Job]):
-        """Compare the version of each finished job with the installed one; a job without a name was not measured."""
-        finished = {job["job"]: job for job in jobs if job["status"] == "ok" and "job" in job}
-        self.reasons = {name: f"{finished[name]['codec']}: {why}" for name, why in stale(finished.values()).items()}
-
-    def of(self, jobs: Iterable[str]) -> str:
-        """The codec of the first of some jobs, by name, that cannot be made again, and why; "" if all can."""
-        return next((self.reasons[job] for job in jobs if job in self.reasons), "")
+    A job without a name was not measured.
+    """
+    return {*stale(job for job in jobs if job["status"] == "ok" and "job" in job)}
 
 
 def _named(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -> pd.DataFrame:
