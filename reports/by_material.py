@@ -1,11 +1,9 @@
 """The tables by material: what each codec costs, and its quality by metric, direction and footprint, and in a scene.
 
 Each column is a `Measure`: its header, and the field of `bench.compare.frame` that has its number. A row is over the
-seeds. The pairs that *decide* are the held-out ones, or all pairs where none are held out. A record has statistics of
-each *group* of pairs (`train`, `heldout`, `heldout, grazing view`): `mean`, `std` and `pooled` of its slices, and
-`worst`, the mean of the worst tenth.
-
-An *exact* slice has no error, so its PSNR has no number. The *frames* of a model of a scene are pictures of that scene.
+seeds. A record has statistics of each *group* of pairs (`train`, `heldout`, `heldout, grazing view`): `mean`, `std` and
+`pooled` of its slices, and `worst`, the mean of the worst tenth. The *frames* of a model of a scene are pictures of
+that scene.
 """
 
 from collections import defaultdict

@@ -1,10 +1,9 @@
 """A comparison of two runs, base and new, as tables: for a terminal of 120 columns, and as GitHub Markdown.
 
-The numbers of a row are means over seeds. A *quantity* is a number of a row, such as PSNR or bytes; a *change* is its
-values in base and new, with the *margin* up to which they count as the same. Quantities that *decide* give the row its
-*verdict* (same, better, WORSE, GONE); others are only shown. A *finding* is a sentence on one change that matters.
-*Advice* is a sentence on a change of the time of a query, which decides nothing. `bench.compare` makes all of these;
-here they are only written.
+The numbers of a row are means over seeds. A *change* is a quantity's values in base and new, with the margin up to
+which they count as the same. Those that decide give the row its *verdict* (same, better, WORSE, GONE). A *finding* is a
+sentence on one change that matters. *Advice* is a sentence on a change of the time of a query, which decides nothing.
+`bench.compare` makes all of these; here they are only written.
 """
 
 import shlex

@@ -4,7 +4,7 @@ Each kind of table is one function from the rungs of a run (`reports.rungs`, whi
 values with its columns, which `written` makes cells of. To change a column of a table, change its `Column` here.
 
 Times of queries are multiples of the floor. The *lead* of a line is by how many dB it is ahead of the line `AGAINST` at
-equal bytes; two lines are *told apart* if chance hardly explains the gap.
+equal bytes.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,6 @@
 """The data of plots of quality over budgets: curves over bytes, and rungs within budgets of the time of a query.
 
-Within a *budget* (of bits a texel, or of the time of a query) validation pairs choose one rung of a line for each
-surface, and its PSNR at test pairs is drawn. The *curve* of a line on a surface joins its best rungs over bytes.
+What is drawn is PSNR at test pairs; `reports.rungs` explains the terms.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,7 +1,6 @@
 """The sentence that says who leads in a run, for the top of a page.
 
-A *budget* is a size of files; within it a codec is read off the curve of its settings that validation pairs choose. A
-run without validation pairs has no budgets, so its codecs are compared as they were measured.
+A run without validation pairs has no budgets (`reports.rungs`), so its codecs are compared as they were measured.
 """
 
 from bench.compare.paired import AGAINST

@@ -1,7 +1,7 @@
 """Footnotes of tables: the meaning of the numbers, what has none or cannot be compared, the conditions of timings.
 
 An *obstacle* is the reason, in words, why a row's numbers must not be compared with those of the others; such a row is
-shown as `n/c`. A *start* of a run is one call of the command that measures; a run may have several.
+shown as `n/c`.
 
 A `Note` knows which columns each of its parts is about, so that a table with fewer columns drops the parts that it does
 not need. A plain text stays below every table.

@@ -1,8 +1,6 @@
 """The jobs of a run as rows of tables, by material, with the reasons why a row cannot be compared with the others.
 
-Held-out pairs *decide* the place of a codec in tables; if none are held out, all pairs do. A slice is *exact* if it has
-no error. The *family* of a metric is its name without its variant. A *start* of a run is one call of the command that
-measures; a run may have several.
+The *family* of a metric is its name without its variant.
 """
 
 from collections import Counter

@@ -3,7 +3,7 @@
 A *codec* is here one with its settings; it has one row. Its *standing* is its place by PSNR among the codecs: the mean
 of its *ranks* on the materials, and the number that it *won*, on which none is better. Only a codec that was measured
 on all materials has a rank; a model of a scene has none. The codecs are *set against* one row by paired differences:
-the mean over slices of its PSNR minus that row's, in dB. *Told apart* are two whose difference is hardly chance.
+the mean over slices of its PSNR minus that row's, in dB.
 """
 
 from collections.abc import Mapping, Sequence

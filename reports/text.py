@@ -1,8 +1,7 @@
 r"""Tables as plain text, GitHub Markdown, CSV and LaTeX.
 
-A *mark* makes the best cell of a column bold, or the second best underlined. The first columns of a table hold *words*,
-such as the codec; the others hold numbers. What is written may come from outside, such as a codec's name, so `visible`
-writes control characters out (`\x1b`), and each format escapes its own special characters.
+What is written may come from outside, such as a codec's name, so `visible` writes control characters out (`\x1b`), and
+each format escapes its own special characters.
 
 LaTeX needs `\usepackage{booktabs,graphicx}`; no table is wider than the text, in one column or over both of two.
 """

@@ -1,10 +1,9 @@
 """The times of settings, apart from any surface: what `neubtf-bench time` measured.
 
-A *setting* is a codec with its settings, named by its label. A *sample* is one query of a decoder: a place, a view and
-a light direction, a footprint. A *batch* is the number of samples of one call. A *variant* is an execution ("eager",
-"fused") with a precision ("float32"). Settings are timed in turns with the floor, in *rounds*; `rounds` has the time
-as a multiple of it for each round on each surface. The *limit* is the time of the arithmetic, or of the reads, at the
-machine's measured rates.
+A *setting* is a codec with its settings, named by its label. A *sample* is one query of a decoder. A *batch* is the
+number of samples of one call. A *variant* is an execution ("eager", "fused") with a precision ("float32"). Settings are
+timed in turns with the floor, in *rounds*; `rounds` has the time as a multiple of it for each round on each surface.
+The *limit* is the time of the arithmetic, or of the reads, at the machine's measured rates.
 """
 
 from collections.abc import Callable, Iterator

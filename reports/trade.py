@@ -1,9 +1,9 @@
 """Writes the results of `neubtf-bench trade`, timings among the records of a run, as tables.
 
-A *choice* is a codec with its settings, an execution and a precision; one of each material is the floor, which has
-times alone. *ratio_to_floor* is a time as a multiple of it. A *ceiling* is a measured rate of the machine, of
-arithmetic or of copying. The *limit* of a choice is its least time by these. A choice is *on the front* of speed (or of
-rate) if no other is at least as good in both PSNR and time (or bytes), and better in one.
+One choice of each material is the floor, which has times alone. *ratio_to_floor* is a time as a multiple of it. A
+*ceiling* is a measured rate of the machine, of arithmetic or of copying. The *limit* of a choice is its least time by
+these. A choice is *on the front* of speed (or of rate) if no other is at least as good in both PSNR and time (or
+bytes), and better in one.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

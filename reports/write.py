@@ -1,7 +1,7 @@
 """Writes the report of a run: tables, figures, and one page that holds both.
 
-Each file is written completely or not at all. A *vector* format is SVG or PDF. The *drawing* of a figure is what its
-formats are made of. A *narrow* list of tables has each main table as two, for LaTeX and the page.
+Each file is written completely or not at all. A *vector* format is SVG or PDF. A *narrow* list of tables has each main
+table as two, for LaTeX and the page.
 """
 
 from collections.abc import Sequence

@@ -72,7 +72,7 @@ def strip(work: Path, material: str, codecs: tuple[str, ...], scene: str, width:
     if not path.exists():
         shown = ["--scene", scene, "--width", str(width), "--rays", "3", "-o", str(path)]
         done(["render", *map(str, files), "--truth", material, *TRUTH, *shown])
-    names = ["truth"]
+    names = ["truth, interpolated"]
     for codec, file in zip(codecs, files, strict=True):
         names.append(f"{codec}, {file.stat().st_size / 1e3:.0f} kB")
     return labelled(body(path), names)

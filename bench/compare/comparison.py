@@ -1,10 +1,9 @@
 """Compares two runs: finds what got worse by more than chance and by enough to matter.
 
 The base is the older run, or a reference that was kept of it; new is the run under test. The numbers of a row are means
-over the seeds that both runs have, or over all seeds if they share none. A *deciding* number, such as PSNR, has a
-tolerance, and its change decides the verdict on the row; others are only shown. `bench.compare.verdicts` states the
-rules. Fits scatter independently, so the mean of several rows can show a loss that no single row can tell from chance.
-Imports neither PyTorch nor pandas.
+over the seeds that both runs have, or over all seeds if they share none. `bench.compare.quantities` says which numbers
+decide the verdict on a row, `bench.compare.verdicts` by which rules. Fits scatter independently, so the mean of several
+rows can show a loss that no single row can tell from chance. Imports neither PyTorch nor pandas.
 """
 
 import json

@@ -2,8 +2,8 @@
 
 A record has scores of each group of pairs: of training pairs (`train`), of held-out pairs, and of parts of these, such
 as pairs with a grazing view. A group has for each metric a mean over its slices (`mean`) and a number of all texels
-together (`pooled`). A number is *exact* where there is no error at all, so that a PSNR is infinite. A *deciding* number
-has a tolerance, and can make a job worse.
+together (`pooled`). A *quantity* is such a number of a job, or its bytes or time. A *deciding* one has a tolerance, and
+can make a job worse.
 """
 
 import math

@@ -1,8 +1,7 @@
 """Compares one row: a material and a codec with its settings, in two runs.
 
-The base is the older run, new the one under test. A *quantity* is a number of a record, such as PSNR; a `Change` holds
-its means in both runs and the verdict. Decoding times are compared as multiples of the floor timed with them; they are
-shown and decide nothing.
+The base is the older run, new the one under test. A `Change` holds the means of a quantity in both runs and the
+verdict. Decoding times are compared as multiples of the floor timed with them; they are shown and decide nothing.
 """
 
 from collections.abc import Iterable

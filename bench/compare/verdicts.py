@@ -1,10 +1,9 @@
 """Decides when a change is a regression, and when two records cannot be compared.
 
-A base, which is an older run or a reference, is compared with a new run, row by row. A *quantity* is a number of a
-job's record, such as PSNR.
+A base, which is an older run or a reference, is compared with a new run, row by row.
 
-A loss or a gain counts if it exceeds its *margin*, so is larger than chance and large enough to matter. If the seeds
-of a codec agree, its margin is a small tolerance. If they differ, it is max(tolerance, t · s · √(1/n + 1/m)): s is the
+A loss or a gain counts if it exceeds its *margin*, so is larger than chance and large enough to matter. If the seeds of
+a codec agree, its margin is a small tolerance. If they differ, it is max(tolerance, t · s · √(1/n + 1/m)): s is the
 standard deviation over the seeds of the base, n and m are the numbers of seeds in the means of base and new, and t is
 what Student's t, with the degrees of freedom of s, exceeds by chance as often as the quantity's tolerance says.
 

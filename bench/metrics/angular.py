@@ -1,8 +1,7 @@
 """Errors by direction: grazing bands and polar maps. Numbers only, no drawing.
 
-A pair has one *raw* number of a metric, such as its squared error. To *pool* numbers is to make one of several, in the
-metric's unit: for PSNR the decibels of their mean. Angles are of the local frame of `bench.btf`; degrees, because these
-are tables.
+To *pool* raw numbers of pairs is to make one of several, in the metric's unit: for PSNR the decibels of their mean.
+Angles are of the local frame of `bench.btf`; degrees, because these are tables.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Scores a decoded material against its BTF, slice by slice, with few slices in memory and on every core.
 
-A metric gives each slice a *raw* number, such as the squared error. Statistics have the `mean` over slices of its unit,
-and the `pooled` number, which is of all slices together; an *exact* slice has no error at all, so its PSNR is infinite.
+Statistics of a metric have the `mean` over slices in its unit, and the `pooled` number, which is of all slices
+together.
 
 The reference's part of each metric is kept up to a byte limit, so that many codecs compared with one BTF share it.
 Decoded slices arrive as NumPy arrays; the decoder runs in the calling thread, the metrics in others.

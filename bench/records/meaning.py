@@ -1,7 +1,6 @@
 """The meaning of a record's fields: which pairs decide, which numbers are alike.
 
-Scores are of *groups* of pairs: `train`, `heldout`, `all` and parts of these. The *deciding* group is the one by whose
-scores codecs are compared.
+Scores are of *groups* of pairs: `train`, `heldout`, `all` and parts of these.
 """
 
 import json

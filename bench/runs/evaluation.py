@@ -1,9 +1,7 @@
 """Scores one codec file against its material: figures go into the record, large arrays into files beside it.
 
-A file is scored at the pairs `workbench.scored`, and apart from these at pairs of *low light*, lower than any that is
-fitted. *Deciding* pairs are those whose mean error ranks codecs: held-out pairs, or all pairs if none are held out.
-Footprints are 1, 2, 4 and 8 texels wide. *Between* texels, a few held-out pairs are scored half a texel off the texel
-centres.
+A file is scored at the pairs `workbench.scored`, and apart from these at pairs of low light, between texels, and over
+footprints of 1, 2, 4 and 8 texels.
 """
 
 import dataclasses

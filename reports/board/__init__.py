@@ -3,9 +3,7 @@
 `index.html`, the front, has the results within budgets of bytes and time. The page of a material has every codec's rows
 on it; that of a codec says what it is and where it stands.
 
-A *source* of the board is a `Publication`: the records of one file (`*.jsonl`), archive (`*.zip`) or run. A run *at
-hand* is a folder of this machine that also has pictures and codec files. An archive is a run that somebody handed in
-with its codec files; its results are *claimed*, because nobody else has scored them.
+`reports.board.sources` says what a board is made of.
 """
 
 import tempfile

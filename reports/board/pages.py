@@ -1,9 +1,8 @@
 """The pages of a board: the front, one for each material and one for each codec.
 
-A *source* is a `Publication`: the records of one file, archive or run. A *place* of a codec is a comparison with the
-best of the others, on a material of a source. The *kind* of a material's truth is `measured`, `rendered` and the like.
-A *strip* is a row of pictures: the truth and some codecs' answers at one pair. Texts reach a page through templates in
-`reports/templates/`, which also call the methods of `MaterialPage`.
+The *kind* of a material's truth is `measured`, `rendered` and the like. A *strip* is a row of pictures: the truth and
+some codecs' answers at one pair. Texts reach a page through templates in `reports/templates/`, which also call the
+methods of `MaterialPage`. For the other words of a board see `reports.board.sources` and `reports.board.tables`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

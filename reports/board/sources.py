@@ -1,9 +1,10 @@
 """What a board is made of: files of records, archives and runs at hand, and which pictures may be published.
 
-A file of records has no other files beside it. A run *at hand* is a folder of this machine, which also stores a job's
-*artefacts*: pictures, arrays and the codec file, whose paths stand in fields of the job. Results are *claimed* if only
-those who handed them in have scored them, and *verified* if they were handed in and scored anew here. The *provenance*
-of a job says how its material was made, and whether its pictures are free.
+A *source* is a `Publication`: the records of one file (`*.jsonl`), archive (`*.zip`) or run. A file of records has no
+other files beside it. A run *at hand* is a folder of this machine, which also stores a job's *artefacts*: pictures,
+arrays and the codec file, whose paths stand in fields of the job. An archive is a run that somebody handed in with its
+codec files: its results are *claimed* until they are scored anew here, then *verified*. The provenance of a job says
+whether its pictures are free.
 """
 
 import hashlib

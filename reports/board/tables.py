@@ -1,7 +1,7 @@
 """The tables of a board that a run's page does not have: where rows come from, and where a codec stands.
 
-A *source* is a `Publication`: the records of one file, archive or run. Validation pairs choose a rung of each line for
-each *budget*, such as 32 bits a texel. A codec's *place* is one comparison: its best entry against that of the others.
+A codec's *place* is one comparison: its best entry against that of the others. For the other words of a board see
+`reports.board.sources`.
 """
 
 import math

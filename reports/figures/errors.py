@@ -3,7 +3,7 @@
 A run stores the numbers as artefacts of each job: `slices` has the mean squared error of each pair's slice (by the name
 of PSNR), `wo_deg` and `wi_deg` (pairs, 2) with θ and φ of view and light in degrees, the mask `heldout` of pairs that
 no fit saw, and `abrdf` (height, width), the error of each texel over all pairs. `angular` has mean scores over cells of
-both hemispheres. The pairs that *decide* the place of a codec in tables are those held out or, if none are, all.
+both hemispheres.
 """
 
 import math

@@ -2,8 +2,7 @@
 
 And the plots that the page also draws, as pictures: rate, speed, fits and level of detail.
 
-For surfaces, lines, rungs and curves see `reports.front_plots`. A *choice* is a codec with its settings, execution and
-precision, as `neubtf-bench trade` timed it. A *goal* is a PSNR that a fit should reach soon.
+A *goal* is a PSNR that a fit should reach soon.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,7 @@
 """Quality, bytes and time of each codec over the revisions of several runs: one figure a material.
 
-A *start* is one call of the command that measures, at one *revision* of the code (of git); it is named after its time,
-`20251123T093106`, and a run may have several. Times are multiples of the floor.
+A start has one *revision* of the code (of git), and is named after its time, `20251123T093106`. Times are multiples of
+the floor.
 """
 
 import math

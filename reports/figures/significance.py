@@ -1,8 +1,8 @@
 """Which codecs are told apart: paired differences to one of them, slice by slice, and mean ranks over surfaces.
 
 The *difference* of two codecs is that of their PSNR in dB on the same slices, as a mean with a 95 % interval. Two
-codecs are *told apart* if equal ones would hardly differ as much; that is said only of `FEWEST` materials or more. The
-*rank* of a line on a surface is its place by what it reaches within a budget of bytes, see `reports.rungs`.
+codecs are told apart only on `FEWEST` materials or more. The *rank* of a line on a surface is its place by what it
+reaches within a budget of bytes, see `reports.rungs`.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,4 @@
-"""A case of the catalogue of extremes, the codec that it is tried on (its subject), and its result.
-
-The *ordinary* material is the small BTF of the conformance test, from which most extremes are made.
-"""
+"""A case of the catalogue of extremes, the codec that it is tried on (its subject), and its result."""
 
 import dataclasses
 import time

@@ -1,7 +1,7 @@
 """Materials at the extremes: each is encoded, written and decoded, and compared with the original.
 
-Most are made from the *ordinary* material, a small smooth BTF. The bound of the catalogue is the mean colour of each
-texel, which any codec can store: it must not be better.
+Most are made from the ordinary material. The bound of the catalogue is the mean colour of each texel, which any codec
+can store: it must not be better.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""Metrics and losses at the extremes: pictures that are equal, black, white, one texel, HDR or negative.
-
-A metric gives a *raw* number for two pictures, such as a mean squared error, and turns it into its unit, such as dB.
-"""
+"""Metrics and losses at the extremes: pictures that are equal, black, white, one texel, HDR or negative."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
