@@ -17,10 +17,10 @@ GAP = 6  # pixels between channels
 WHITE = 255
 
 
-def standardised(texture: Tensor) -> Tensor:
-    """A texture (H, W, D) with each channel c at mean 0 and variance 1, then the paper's 1 / (e^(1 − c) + 1).
+def display_values(texture: Tensor) -> Tensor:
+    """The channels of a texture (H, W, D) from 0 to 1, as the paper draws them.
 
-    A constant channel becomes 0 everywhere before the curve.
+    Each is brought to mean 0 and variance 1, and its values x become 1 / (e^(1 − x) + 1). A constant one has x = 0.
     """
     flat = texture.double().flatten(0, 1)
     deviation = flat.std(0, correction=0)  # (D,)
@@ -31,7 +31,7 @@ def standardised(texture: Tensor) -> Tensor:
 
 def _cells(texture: Tensor) -> np.ndarray:
     """The channels of a texture (H, W, D) as pictures (h, w, D), uint8, shrunk or enlarged to about `SIDE` pixels."""
-    channels = standardised(texture).numpy()  # from 0 to 1
+    channels = display_values(texture).numpy()  # from 0 to 1
     longest = max(channels.shape[:2])
     if longest >= 2 * SIDE:
         shrink = longest // SIDE

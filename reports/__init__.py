@@ -8,7 +8,7 @@ The functions import what they need when they are called, so that `import report
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,14 +129,20 @@ def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.Data
     tables = all_tables(_together(runs, kind), kind=kind)
     if not tables:
         raise InputError(f"table_values: no such table: {WHY_EMPTY[kind]}")
-    frames = [table.values for table in tables if table.values is not None]
     titles = [table.title for table in tables]
-    found = frames[0] if len(frames) == 1 else pd.concat(frames, keys=titles)
-    attrs: dict[Any, Any] = {"titles": titles, "notes": [str(note) for table in tables for note in table.footnotes]}
-    for known in ("units", "directions"):
-        attrs[known] = {name: said for frame in frames for name, said in frame.attrs[known].items()}
-    found.attrs = attrs
-    return found
+    frames = []
+    notes: list[str] = []
+    units: dict[str, str] = {}
+    directions: dict[str, str] = {}
+    for table in tables:
+        assert table.values is not None  # every table of numbers has them
+        frames.append(table.values)
+        notes += map(str, table.footnotes)
+        units |= table.values.attrs["units"]
+        directions |= table.values.attrs["directions"]
+    whole = frames[0] if len(frames) == 1 else pd.concat(frames, keys=titles)
+    whole.attrs = {"titles": titles, "notes": notes, "units": units, "directions": directions}
+    return whole
 
 
 def raw(run: "Run", kind: str | None = None) -> str:

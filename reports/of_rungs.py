@@ -122,24 +122,14 @@ def untimed(rungs: Rungs) -> list[str]:
 
 def _machines(run: Run) -> list[str]:
     """The processors and cores on which times were measured, each once: "AMD EPYC, 8 cores"."""
-    machines: dict[str, None] = {}
-    # Only timings of settings, apart from surfaces, have `rounds`. Where there are any, budgets use no others.
-    timings = [timing for timing in run.timings if "rounds" in timing]
-    if not timings:
-        timings = list(run.timings)
-    for timing in timings:
-        name = timing.get("run", "")
-        # A start is one call of the command that measures. A timing that names none is taken to be of the last one.
-        starts = [start for start in run.starts if not name or start.get("run") == name]
-        machine = starts[-1].get("machine", Machine()) if starts else Machine()
-        parts = []
-        if machine.get("processor"):
-            parts.append(str(machine["processor"]))
-        if "cores" in machine:
-            parts.append(f"{machine['cores']} cores")
-        if parts:
-            machines[", ".join(parts)] = None
-    return list(machines)
+    timings = run.setting_timings or run.timings  # where settings were timed, budgets use no other times
+    return list(dict.fromkeys(_in_words(run.machine(timing)) for timing in timings))
+
+
+def _in_words(machine: Machine) -> str:
+    """A machine as "AMD EPYC, 8 cores", with what is known of it."""
+    processor = str(machine.get("processor") or "an unnamed processor")
+    return f"{processor}, {machine['cores']} cores" if "cores" in machine else processor
 
 
 def _by_suite(run: Run, jobs: Sequence[Job]) -> str:

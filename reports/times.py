@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 
 from bench.compare.choosing import usual_batch
-from bench.records import Machine, Run, Timing, conditions_in_words, timed_on, variant_of
+from bench.records import Run, Timing, conditions_in_words, timed_on, variant_of
 from reports.numbers import NONE, significant
 from reports.table import Table
 from reports.values import Column, Row, written
@@ -29,8 +29,7 @@ _NOTE = (
 def times_tables(run: Run) -> Iterator[Table]:
     """Up to four tables: times of settings as budgets use them, and those of `variant_tables`. Each only if it has a
     row."""
-    # Only the times that budgets use are pooled over rounds.
-    yield from _settings(run, [timing for timing in run.timings if "rounds" in timing])
+    yield from _settings(run, run.setting_timings)
     yield from variant_tables(run, "times")
 
 
@@ -190,7 +189,5 @@ def _conditions(run: Run, timing: Timing, variant: str = "") -> str:
 
 
 def _processor(run: Run, timing: Timing) -> str:
-    """The name of the processor of a timing, which the start of its run has; empty if it is not known."""
-    starts = [start for start in run.starts if start.get("run", "") == timing["run"]]
-    machine = starts[0].get("machine", Machine()) if starts else Machine()
-    return str(machine.get("processor") or "")
+    """The name of the processor of a timing; empty if it is not known."""
+    return str(run.machine(timing).get("processor") or "")

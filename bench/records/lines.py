@@ -23,7 +23,18 @@ from typing import Any, TypeVar, cast, overload
 
 from bench.inputs.errors import InputError, writable
 from bench.records import fields
-from bench.records.schema import ARTEFACT, Job, MetricFacts, Record, RunStart, ScoreKey, Stress, Timing, setting_name
+from bench.records.schema import (
+    ARTEFACT,
+    Job,
+    Machine,
+    MetricFacts,
+    Record,
+    RunStart,
+    ScoreKey,
+    Stress,
+    Timing,
+    setting_name,
+)
 
 Found = TypeVar("Found")
 
@@ -126,6 +137,18 @@ class Run:
         """The timing of a job's setting, apart from its surface; None if it was not measured."""
         cost = job.get("cost", {})
         return self.timings.latest(setting_name(job["label"], cost.get("flops_per_sample", 0)))
+
+    @property
+    def setting_timings(self) -> list[Timing]:
+        """The timings of settings, apart from surfaces: only they are pooled over rounds."""
+        return [timing for timing in self.timings if "rounds" in timing]
+
+    def machine(self, timing: Timing) -> Machine:
+        """The machine on which a timing was taken: that of its start, or of the last if it names none; empty if it is
+        not known."""
+        name = timing.get("run", "")
+        starts = [start for start in self.starts if not name or start.get("run") == name]
+        return starts[-1].get("machine", Machine()) if starts else Machine()
 
     @property
     def choices(self) -> list[Timing]:

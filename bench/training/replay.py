@@ -115,22 +115,31 @@ class Drawing(TorchFunctionMode):
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         """Call PyTorch's `func`, or give what is known: numbers of the first step, or their memory on the device.
 
-        PyTorch calls this for each of its functions within the block. What reads or changes drawn numbers is noted.
+        PyTorch calls this for each of its functions within the block. What reads or changes drawn numbers is noted, if
+        they are its first argument; of others nothing reaches the device, so that `Steps` refuses the phase.
         """
         kwargs = kwargs or {}
-        if self.on_host:
+        if self.on_host:  # what the host makes is noted as a whole
             return func(*args, **kwargs)
         if kwargs.get("generator") is self.generator:
             return self.next(lambda progress: FromHost([func(*args, **kwargs)]), 0.0).first.tensors[0]
         draw = self._draw_of(args[0]) if args else None
-        if draw is not None and func is Tensor.to:
+        if draw is None:
+            return func(*args, **kwargs)
+        if func is Tensor.to:
             if not draw.buffers:
                 draw.buffers = [func(*args, **kwargs)]
             return draw.buffers[0]
-        if draw is not None:
-            draw.decides |= func in READS
-            self.changed |= func not in READS and func.__name__ != "__get__"  # of an attribute, such as the shape
+        self._note_use(draw, func)
         return func(*args, **kwargs)
+
+    def _note_use(self, draw: Draw, func: Any) -> None:
+        """Note that the host reads the numbers of a draw, or does anything else with them than to ask for an attribute,
+        such as their shape."""
+        if func in READS:
+            draw.decides = True
+        elif func.__name__ != "__get__":
+            self.changed = True
 
 
 _drawings = list[Drawing]()

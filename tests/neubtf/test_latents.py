@@ -11,13 +11,13 @@ from bench.codec import Fit
 from bench.codecs import container
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from neubtf.latents import sheet, standardised
+from neubtf.latents import display_values, sheet
 
 
 def test_channels_are_standardised_and_squashed() -> None:
     texture = torch.randn(20, 30, 5, generator=torch.Generator().manual_seed(0)) * torch.arange(1, 6) + 7
     texture[..., 3] = -2.5
-    shown = standardised(texture)
+    shown = display_values(texture)
     back = 1 - (1 / shown[..., [0, 1, 2, 4]] - 1).log().flatten(0, 1)
     torch.testing.assert_close(back.mean(0), torch.zeros(4), atol=1e-5, rtol=0)
     torch.testing.assert_close(back.std(0, correction=0), torch.ones(4), atol=1e-5, rtol=0)

@@ -214,13 +214,12 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
             normal[..., 1] *= -1
         normal = reader.shrunk(normal)
     if height is not None:
-        is_fitted = depth is None and correlations.depth is not None  # before `depth` is replaced
-        height, depth = _with_depth(reader, height_role, height, depth, correlations.depth)
+        height, used_depth = _with_depth(reader, height_role, height, depth, correlations.depth)
         high = "dark" if is_inverted else "bright"
-        notes[height_role] += f": {high} is high, depth {depth:.4f} of the width"
-        if is_fitted:
+        notes[height_role] += f": {high} is high, depth {used_depth:.4f} of the width"
+        if depth is None and correlations.depth is not None:
             notes[height_role] += ", fitted to the normal map"
-        signed_depth = -depth if is_inverted else depth
+        signed_depth = -used_depth if is_inverted else used_depth
         height = reader.shrunk(height) * np.float32(signed_depth)
     return normal, height
 
