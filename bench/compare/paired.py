@@ -217,6 +217,12 @@ def _errors_of_deciding_pairs(path: Path, job: Job) -> np.ndarray:
     return raw
 
 
+def packed_slices(job: Job, folder: Path) -> Job:
+    """The field with the PSNR of each slice of a job, packed; empty if the run has no file of them."""
+    slices = decibels(folder, job)
+    return {} if slices is None else {"slices": {PSNR: packed(slices)}}
+
+
 def packed(values: np.ndarray) -> str:
     """Encode dB (n,) as text for a reference: in hundredths, as signed numbers of two bytes."""
     hundredths = np.round(100 * values).clip(-32768, 32767).astype("<i2")

@@ -17,7 +17,7 @@ from typing import cast
 
 from bench.btf import BAKED, RENDERED
 from bench.compare.choosing import has_validation
-from bench.compare.reference import published_job
+from bench.compare.publishing import published_job
 from bench.records import ARTEFACT, Job, Records, Run, field_names
 from reports.rows import MaterialRows, materials
 

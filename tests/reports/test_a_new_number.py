@@ -3,7 +3,7 @@ from typing import Annotated
 
 import pytest
 
-from bench.compare.reference import published
+from bench.compare.publishing import published
 from bench.records import fields, load_run, schema
 from reports import table_text, write_report
 

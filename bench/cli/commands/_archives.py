@@ -12,7 +12,7 @@ from tabulate import tabulate
 
 from bench.cli.commands import assignments, say_line, several
 from bench.cli.console import Console
-from bench.compare.reference import published
+from bench.compare.publishing import published
 from bench.files.atomic import make_folder
 from bench.inputs.errors import FINE, NO, NOTHING, InputError, did_you_mean, visible
 from bench.records import FILE, Run, load_run

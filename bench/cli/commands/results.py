@@ -36,7 +36,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bench.cli.commands import _archives, say_line, table
-from bench.compare.reference import published
+from bench.compare.publishing import published
 from bench.files.atomic import write
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
 from bench.records import FILE, load_together

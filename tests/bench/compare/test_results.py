@@ -3,7 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.compare.reference import committed, published, published_job
+from bench.compare.publishing import published, published_job
+from bench.compare.reference import committed
 from bench.inputs.errors import InputError
 from bench.records import Run, load_run
 
