@@ -175,7 +175,7 @@ def file_lines(file: dict[str, Any]) -> str:
     for name, tensor in file["tensors"].items():
         form = " × ".join(map(str, tensor["shape"])) or "scalar"
         lines.append(f"  {name}  {tensor['dtype']} {form}  {tensor['bytes']:,} bytes")
-    lines.append(f"sha256: {file['sha256']}")
+    lines.append(f"sha256 of its content: {file['sha256']}")
     return "\n".join(visible(line) for line in lines)
 
 

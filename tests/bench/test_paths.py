@@ -32,15 +32,15 @@ def small(tmp_path, monkeypatch, brief):
 @pytest.mark.long
 def test_a_student_comes_from_arrays_and_a_codec_to_a_table_of_latex(tmp_path, monkeypatch, capsys):
     exec(blocks(STUDENT, "python")[0], {})
-    assert len(bench.open("mine.npz")) == 33
+    assert len(bench.open("cloth.npz")) == 33
     site = ""
     for line in blocks(STUDENT)[0].splitlines():
         words = shlex.split(line)
         if words[0] == "pip":  # what it does, without the network
             source = tmp_path / words[-1]
             (module,) = source.glob("*.py")
-            (entry,) = re.findall(r'^my-codec = "(.*)"$', (source / "pyproject.toml").read_text(), re.M)
-            site = str(install(tmp_path / "site", "mine", {"my-codec": entry}, {module.stem: module.read_text()}))
+            (entry,) = re.findall(r'^mine = "(.*)"$', (source / "pyproject.toml").read_text(), re.M)
+            site = str(install(tmp_path / "site", "mine", {"mine": entry}, {module.stem: module.read_text()}))
             monkeypatch.syspath_prepend(site)
             monkeypatch.setenv("PYTHONPATH", site, prepend=":")
             continue

@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
     fields = _fields(measured, best.of)
     _say_cost(best.of, fields["gpu_bytes"])
     _offer(measured, best.of, options.copy)
-    command = _command(suite, best.of, options.device)
+    command = _command(suite, best.of, options.device, options.copy)
     if command:
         say_line(command)
     write_json(fields | {"missed": [], "command": command or None})
@@ -217,7 +217,7 @@ def _offer(run: Run, row: Timing, copy: Path | None) -> None:
         return
     if header.sha256 != row["score_key"]["sha256"]:
         raise InputError(f"{file}: not the file that was chosen: give another --out, and it is fitted there again")
-    say_line(f"file: {file}, sha256 {header.sha256}")
+    say_line(f"file: {file}, sha256 of its content {header.sha256}")
     if not copy:
         return
     if header.network:
@@ -227,8 +227,9 @@ def _offer(run: Run, row: Timing, copy: Path | None) -> None:
     say_line(f"wrote {copy}")
 
 
-def _command(suite: Suite, row: Timing, device: str) -> str:
-    """The command that makes the chosen file again, byte for byte; "" where only a run can make it."""
+def _command(suite: Suite, row: Timing, device: str, out: Path | None) -> str:
+    """The command that makes the chosen file again, byte for byte, as `out` if that is given; "" where only a run can
+    make it."""
     spec = suite.materials[0]
     data = suite.data
     kind = kind_of(spec)
@@ -250,7 +251,8 @@ def _command(suite: Suite, row: Timing, device: str) -> str:
         words += ["--threads", str(suite.threads)]
     if device != "cpu":
         words += ["--device", device]
-    return f"neubtf-bench {shlex.join([*words, '-o', f'{spec.name}.nbtf'])}"
+    file = out or Path(spec.name).with_suffix(container.SUFFIX)
+    return f"neubtf-bench {shlex.join([*words, '-o', str(file)])}"
 
 
 def parse_bytes(options: argparse.Namespace, word: str) -> int | None:

@@ -78,7 +78,7 @@ def _models(options: argparse.Namespace, changes: dict[str, str], show: Progress
         label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
         if options.truth:
             require_same_size(file.header.path.name, file.material.size, btf)
-            label += f", {_psnr(file, btf, show):.2f} dB"
+            label += f", {_psnr(file, btf, show):.2f} dB at held-out pairs"
         models.append(Shown(label, drawn.program, common_exposure, drawn.note, slices=drawn.slices))
     return models
 

@@ -128,7 +128,7 @@ def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_p
     (stored,) = tmp_path.glob("r/files/*.nbtf")
     made = shlex.split(command)[-1]
     assert len({(tmp_path / each).read_bytes() for each in (made, "copied.nbtf", stored)}) == 1
-    assert file.endswith(f", sha256 {read_header(stored).sha256}")
+    assert file.endswith(f", sha256 of its content {read_header(stored).sha256}")
     assert cli.main(["export", "copied.nbtf", "-o", "shader"]) == 0
     (exported,) = re.findall(r"^([\d,]+) bytes of textures on a GPU", capsys.readouterr().out, re.M)
     assert time.endswith(f"on a GPU: {exported} bytes of textures, as `export` writes them")

@@ -68,7 +68,7 @@ def test_the_page_is_headed_by_a_name_and_no_path_and_export_names_the_file(
     text = zlib.decompress(base64.b64decode(packed))
     models = json.loads(text[4 : 4 + int.from_bytes(text[:4], "little")])["models"]
     scores = bench.score(tmp_path / "a.nbtf", bench.open(str(tmp_path / "cloth")))
-    assert models[1]["label"].endswith(f", {stats_of(scores, PSNR)['mean']:.2f} dB")
+    assert models[1]["label"].endswith(f", {stats_of(scores, PSNR)['mean']:.2f} dB at held-out pairs")
 
     def refused(*_: object) -> None:
         raise InputError("cumsum")
