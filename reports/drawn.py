@@ -93,7 +93,7 @@ def _with_names_and_width(figure: Figure, wanted: Wanted) -> Figure:
     texts = [text for text in drawing.findobj(Text) if isinstance(text, Text)]  # the condition is for the type checker
     with style():  # a layout and a PNG need it as well
         for text in texts:
-            text.set_text(wanted.choice.said(text.get_text()))
+            text.set_text(wanted.choice.with_new_names(text.get_text()))
         if wanted.width and sheet:
             _scale(drawing, wanted.width * CM, texts)
         elif wanted.width:

@@ -18,7 +18,6 @@ from bench.records import (
     Run,
     RunStart,
     conditions_in_words,
-    deciding_group,
     grouped,
     planned_jobs,
     shown_columns,
@@ -56,7 +55,7 @@ def quality_notes(material: MaterialRows) -> list[str]:
     job = material.first
     if job is None:  # nothing was measured
         return []
-    if deciding_group(job["scores"]) != "heldout":
+    if material.deciding_group != "heldout":
         pairs = "all pairs, none being held out"
     elif "split" in job:  # which held-out pairs they are: "test" or "validation"
         pairs = f"the {job['split']} pairs"

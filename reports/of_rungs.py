@@ -12,7 +12,8 @@ from bench.records import MOST_DB, Job, Machine, Run, shown_label
 from reports.notes import beside
 from reports.numbers import NONE, signed
 from reports.rungs import BYTES, EAGER, FIT, LEAST_SURFACES, Budget, Rungs, Summary
-from reports.values import Column, Row
+from reports.table import Table
+from reports.values import Column, Row, written
 
 _NAMED = 5  # rows that a note on excluded records names
 CODEC = Column("codec", "", "codec")
@@ -33,7 +34,13 @@ class Parts(NamedTuple):
     notes: list[str]
 
 
-def of_leads(leads: Mapping[str, Summary | None]) -> pd.DataFrame:
+def written_together(kind: str, parts: Sequence[Parts], common: Sequence[str]) -> Iterator[Table]:
+    """The tables of a kind; the `common` notes, which are on all of them, stand once, below the last."""
+    for number, (title, values, columns, notes) in enumerate(parts, 1):
+        yield written(kind, title, values, columns, [*notes, *common] if number == len(parts) else notes)
+
+
+def frame_of_leads(leads: Mapping[str, Summary | None]) -> pd.DataFrame:
     """The fields of leads, and whether they are told apart, by line; lines without a lead are left out."""
     rows = {line: {**lead._asdict(), "apart": lead.apart} for line, lead in leads.items() if lead}
     return pd.DataFrame.from_dict(rows, orient="index", columns=[*Summary._fields, "apart"])
@@ -78,8 +85,7 @@ def why_absent(leader: str) -> str:
 
 def stale_of(rungs: Rungs, lines: Iterable[str], surfaces: Sequence[str] = ()) -> list[bool]:
     """Of each line whether numbers, on some surfaces or on all, cannot be made again by the installed version."""
-    on = surfaces or rungs.surfaces
-    stale = {line for line, surface in rungs.stale if surface in on}
+    stale = {line for line, surface in rungs.stale if surface in (surfaces or rungs.surfaces)}
     return [line in stale for line in lines]
 
 
@@ -113,20 +119,20 @@ def common_notes(run: Run, rungs: Rungs) -> Iterator[str]:
         yield f"Left out: {'; '.join(excluded)}."
 
 
-def untimed(rungs: Rungs) -> list[str]:
+def untimed_settings(rungs: Rungs) -> list[str]:
     """The settings without a time of a query, of lines that have times of others."""
     timed = rungs.frame.groupby(["line", "label"], sort=False)[EAGER].count() > 0
-    some = timed.groupby(level="line").transform("any")
-    return timed.index[some & ~timed].get_level_values("label").tolist()
+    line_is_timed = timed.groupby(level="line").transform("any")
+    return timed.index[line_is_timed & ~timed].get_level_values("label").tolist()
 
 
 def _machines(run: Run) -> list[str]:
     """The processors and cores on which times were measured, each once: "AMD EPYC, 8 cores"."""
     timings = run.setting_timings or run.timings  # where settings were timed, budgets use no other times
-    return list(dict.fromkeys(_in_words(run.machine(timing)) for timing in timings))
+    return list(dict.fromkeys(_machine_in_words(run.machine(timing)) for timing in timings))
 
 
-def _in_words(machine: Machine) -> str:
+def _machine_in_words(machine: Machine) -> str:
     """A machine as "AMD EPYC, 8 cores", with what is known of it."""
     processor = str(machine.get("processor") or "an unnamed processor")
     return f"{processor}, {machine['cores']} cores" if "cores" in machine else processor
