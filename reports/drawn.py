@@ -120,8 +120,7 @@ def _narrow(drawing: Drawing, width: float) -> None:
 
     Beside axes that are narrower than in a report there is no room for a legend.
     """
-    legends_or_none = [axes.get_legend() for axes in drawing.axes]
-    legends = [legend for legend in legends_or_none if legend is not None]
+    legends = [legend for legend in (axes.get_legend() for axes in drawing.axes) if legend is not None]
     drawing.set_figwidth(width)
     # The height: room for the title, the axes, their labels, and below these the largest legend.
     renderer = drawing.canvas.get_renderer()  # type: ignore[attr-defined]
