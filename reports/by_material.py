@@ -417,21 +417,23 @@ def tables(materials: Iterable[MaterialRows], name: str, stale: bool = True) -> 
             continue
         codecs = sorted(material.codecs, key=scene_quality if kind == "scene" else _rank, reverse=True)
         rows = [*rows_of(codecs, measures), *_in_addition(material.measured[0].job, measures)]
-        values = pd.DataFrame(rows, dtype=object)
-        if not stale:
-            values = values.drop(columns="stale")
-        columns = [Column("codec", "", "codec")]
-        for measure in measures:
-            if not measure.sparse or values.loc[values["measured"], measure.field].notna().any():
-                # In the table of a scene its models are ranked, but not in columns that are not about it.
-                in_scene = kind == "scene" and not measure.whole_only
-                columns.append(measure.column(values, "in addition" if in_scene else "unranked"))
+        values = pd.DataFrame(rows, dtype=object).drop(columns=[] if stale else "stale")
+        columns = [Column("codec", "", "codec"), *_columns_with_numbers(kind, measures, values)]
         title = f"{material.name}: {about}" if about else material.name
         if kind == "scene":
             title += f" {material.measured[0].job['scene']['name']}"
         if kind != "detail":
             title += f" ({material.split_in_words})"
         yield written(kind, title, values, columns, notes_of(material), material=material.name)
+
+
+def _columns_with_numbers(kind: str, measures: Sequence[Measure], values: pd.DataFrame) -> Iterator[Column]:
+    """The columns of a table, without sparse ones for which no measured codec has a number."""
+    for measure in measures:
+        if not measure.sparse or values.loc[values["measured"], measure.field].notna().any():
+            # In the table of a scene its models are ranked, but not in columns that are not about it.
+            in_scene = kind == "scene" and not measure.whole_only
+            yield measure.column(values, "in addition" if in_scene else "unranked")
 
 
 def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:

@@ -108,13 +108,13 @@ def common_notes(run: Run, rungs: Rungs) -> Iterator[str]:
         yield f"Times: medians, × floor, one bilinear fetch; {machines}."
     excluded = []
     if rungs.without:
-        excluded.append(f"{_by_suite(run, rungs.without)}, without a score of validation pairs")
+        excluded.append(f"{_counts_by_suite(run, rungs.without)}, without a score of validation pairs")
     if rungs.unlike:
         rows = list(dict.fromkeys(f"{job['material']}/{shown_label(job)}" for job in rungs.unlike))
         first_rows = ", ".join(rows[:_NAMED])
         if len(rows) > _NAMED:
             first_rows += ", …"
-        excluded.append(f"{_by_suite(run, rungs.unlike)} ({first_rows}), not comparable with {beside(run)}")
+        excluded.append(f"{_counts_by_suite(run, rungs.unlike)} ({first_rows}), not comparable with {beside(run)}")
     if excluded:
         yield f"Left out: {'; '.join(excluded)}."
 
@@ -138,7 +138,7 @@ def _machine_in_words(machine: Machine) -> str:
     return f"{processor}, {machine['cores']} cores" if "cores" in machine else processor
 
 
-def _by_suite(run: Run, jobs: Sequence[Job]) -> str:
+def _counts_by_suite(run: Run, jobs: Sequence[Job]) -> str:
     """How many jobs are of which suite: "3 of budgets, 1 of no suite"."""
     suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}  # by name of the start
     counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)

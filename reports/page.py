@@ -146,11 +146,9 @@ class Page:
 
     def links(self) -> list[tuple[str, str]]:
         """The table of contents of the page: the target of each link, and its text."""
-        links = [("#summary", "Summary")]
-        links += [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
-        if self.rest:
-            links.append(("#more", "More"))
-        return [*links, ("#records", "Records and provenance")]
+        of_materials = [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
+        more = [("#more", "More")] if self.rest else []
+        return [("#summary", "Summary"), *of_materials, *more, ("#records", "Records and provenance")]
 
     def strips(self) -> list[tuple[int, list[Picture]]]:
         """The materials that open the page with pictures, at most `STRIPS`: the number of each in the order of the

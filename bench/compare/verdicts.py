@@ -138,7 +138,7 @@ def judge(
 def _jobs_in_mean(
     quantity: Quantity, base: Sequence[Job], after: Values, reference: Sequence[Job], same_files: bool
 ) -> Sequence[Job]:
-    """The jobs of the base whose mean is compared with the numbers `after` of new; for the others see `judge`."""
+    """The jobs of the base over which its mean is: `base`, or all of `reference`; `after` are the numbers of new."""
     if quantity.tolerance is None or same_files or not same_pairs(reference):
         return base
     if _gave_same_numbers([quantity.value(job) for job in base], after):
