@@ -327,8 +327,8 @@ def lacking_notes(measured: Sequence[MaterialRows]) -> list[str]:
     return [f"Without means, which would be over fewer materials: {'; '.join(words)}. --material NAME chooses."]
 
 
-def beside(run: Run) -> str:
-    """In words, the jobs with which the others of a run must agree to be comparable."""
+def standard_in_words(run: Run) -> str:
+    """The jobs with which the others of a run must agree to be comparable."""
     return "the published ones" if run.published else "the newest"
 
 
@@ -343,7 +343,7 @@ def left_out_notes(run: Run, materials: Iterable[MaterialRows]) -> Iterator[str]
     rows = [row for material in materials for row in material.rows]
     comparable = [row for row in rows if not row.obstacle]
     for beginning, rows_by_reason in (
-        (f"Left out, as not comparable with {beside(run)}", grouped(rows, lambda row: row.obstacle)),
+        (f"Left out, as not comparable with {standard_in_words(run)}", grouped(rows, lambda row: row.obstacle)),
         ("Times left out", grouped(comparable, lambda row: "" if row.timed_apart else row.timing_obstacle)),
         ("Times with a star", grouped(comparable, lambda row: row.timing_obstacle if row.timed_apart else "")),
     ):

@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench.compare.paired import AGAINST
 from bench.records import MOST_DB, Job, Machine, Run, shown_label
-from reports.notes import beside
+from reports.notes import standard_in_words
 from reports.numbers import NONE, signed
 from reports.rungs import BYTES, EAGER, FIT, LEAST_SURFACES, Budget, Rungs, Summary
 from reports.table import Table
@@ -114,7 +114,9 @@ def common_notes(run: Run, rungs: Rungs) -> Iterator[str]:
         first_rows = ", ".join(rows[:_NAMED])
         if len(rows) > _NAMED:
             first_rows += ", …"
-        excluded.append(f"{_counts_by_suite(run, rungs.unlike)} ({first_rows}), not comparable with {beside(run)}")
+        excluded.append(
+            f"{_counts_by_suite(run, rungs.unlike)} ({first_rows}), not comparable with {standard_in_words(run)}"
+        )
     if excluded:
         yield f"Left out: {'; '.join(excluded)}."
 

@@ -82,10 +82,10 @@ def paper_tables(
 def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
     """By metric the paper's numbers, ours and the differences of the means; a column for each of its materials.
 
-    Ours are over the fitted pairs, as means over seeds, of the label by the paper's recipe with the most fitted pairs,
-    then the most steps: on the material itself, or else on the nearest one; of stale ones only without another. Without
-    such a fit they are dashes, and a note says where to get the material; `missing` says where by name of those that
-    could not be had. `numbers` are rows of `_numbers`.
+    Ours are means over seeds, over the fitted pairs, of one fit by the paper's recipe. A fit on the material itself is
+    taken before one on the nearest material, then one that is not stale, then the one with the most fitted pairs, then
+    that with the most steps. Without a fit ours are dashes, and a note says where to get the material; `missing` says
+    so by the name of each that could not be had. `numbers` are rows of `_numbers`.
     """
     fits = numbers[numbers["by_recipe"] & (numbers["status"] == "ok") & (numbers["group"] == "train")]
     fits = fits.assign(fresh=~fits["stale"])
@@ -228,9 +228,9 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     """What both tables show: a row for each material, label, status, number of fitted pairs, group of pairs and family.
 
     `material` is ours and `paper` the one that it stands for, or is `itself`; `by_recipe` says whether the fit is by
-    the paper's method and recipe. Over the `seeds` are `mean` and `std` the means of the mean and the deviation over
-    slices, and `over_seeds` the deviation of that mean, NaN of a single seed. Without a number `mean` is NaN, and `why`
-    says why: “exact”, “n/a”, a dash if it was not measured, the status, or where to get the material.
+    the paper's method and recipe. `mean` and `std` are the mean and the deviation over slices, both averaged over the
+    `seeds`; `over_seeds` is the deviation of the mean over these, NaN for a single seed. Without a number `mean` is
+    NaN, and `why` says why: “exact”, “n/a”, a dash if it was not measured, the status, or where to get the material.
     """
     # A nearest material counts only in its suite: other suites measure these materials, too.
     starts = _names_of_starts(run, NEAREST_SUITE)

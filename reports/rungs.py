@@ -38,11 +38,11 @@ SECONDS = (10, 100, 1000)  # of a processor, of a fit
 BYTES, FIT = "bytes", "fit"  # kinds of budgets, beside those of times of a query
 LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
 LEAST_SURFACES = 10  # below which no lead is told apart
-DRAWS = 200  # draws of the seeds of each rung, of those that have several
+DRAWS = 200  # how often seeds are drawn, of rungs that have several
 FOOTPRINTS = ("1", "2", "4", "8")  # texels a side of a pixel, as records name them
 # The budgets of each kind of time, which ascend.
 _OF_TIME: dict[str, tuple[int, ...]] = {EAGER: TIMES, FUSED: TIMES, FIT: SECONDS}
-# The family of metrics of a rung's scores at test pairs, means over slices, by name of their column.
+# The columns of a rung's scores at test pairs, means over slices, and the family of metrics of each.
 _TEST = {"psnr": PSNR, "ssim": SSIM, "flip": FLIP}
 _SCORES = ["validation", *_TEST, *FOOTPRINTS]
 _COSTS = ["total", "resident", EAGER, FUSED, FIT]
@@ -76,7 +76,7 @@ class Hull(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Of each rung, (rungs,), the numbers of its line, of its setting and of its surface; and the names by number."""
+    """Which line, setting and surface each rung is of, as numbers (rungs,); and the names of lines and surfaces."""
 
     line: np.ndarray
     setting: np.ndarray
@@ -115,7 +115,7 @@ class Rungs:
     shapes: dict[str, tuple[int, int]]  # of each material: height and width in texels
     stale: set[tuple[str, str]]  # lines and materials with numbers that the installed versions cannot make again
     without: list[Job]  # without a score of validation pairs
-    unlike: list[Job]  # not comparable with the published ones of their material, or else with the newest
+    unlike: list[Job]  # not comparable with published jobs of their material or, without any, with the newest
 
     @property
     def times(self) -> list[str]:
@@ -360,11 +360,11 @@ def summarised(gaps: Mapping[str, Sequence[float]]) -> Summary:
 
 
 def _drawn(seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> np.ndarray:
-    """Means over seeds that are drawn with replacement, (`DRAWS`, rungs), given those of each rung."""
+    """The mean of each rung over drawn seeds, (`DRAWS`, rungs): as many as it has, drawn with replacement."""
     counts = np.array([len(of_rung) for of_rung in seeds])
-    several = counts[counts > 1]  # of one seed nothing is drawn
-    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))  # of seeds of their rung
-    starts = np.cumsum([0, *several[:-1]])  # the place of the first seed of each such rung among all their seeds
+    several = counts[counts > 1]  # a rung with one seed has nothing to draw
+    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))  # of drawn seeds within their rung
+    starts = np.cumsum([0, *several[:-1]])  # where the seeds of each such rung begin among the seeds of all these rungs
     places = np.repeat(starts, several) + numbers
     values = np.concatenate([of_rung for of_rung in seeds if len(of_rung) > 1])[places]
     means = np.tile([of_rung[0] for of_rung in seeds], (DRAWS, 1))

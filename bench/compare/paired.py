@@ -71,15 +71,15 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
     Jobs that cannot stand beside the others, such as those on other data than published ones, do not count.
     """
     labels = [first, *others]
-    known = dict.fromkeys(map(shown_label, run.jobs))
+    labels_of_run = dict.fromkeys(map(shown_label, run.jobs))
     for label in labels:
-        if label not in known:
-            raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
+        if label not in labels_of_run:
+            raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(labels_of_run)}")
     # Of a job without the key of its scores nothing says at which pairs it was scored.
     scored = [job for job in run.jobs if job["status"] == "ok" and "score_key" in job]
-    obstacle = obstacles(scored, run.published)  # by name of job
-    fine = [job for job in scored if job["job"] not in obstacle]
-    return against_jobs(run, first, *(job["job"] for job in fine if shown_label(job) in labels))
+    obstacle_of = obstacles(scored, run.published)  # by name of job
+    comparable = [job for job in scored if job["job"] not in obstacle_of]
+    return against_jobs(run, first, *(job["job"] for job in comparable if shown_label(job) in labels))
 
 
 @view

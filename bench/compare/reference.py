@@ -258,24 +258,18 @@ def _reduced_footprints(job: Job, whole: bool) -> dict[str, Statistics]:
 
 
 def _reduced_group(metrics: dict[str, Statistics], names: list[str], with_pooled: bool) -> Group:
-    """The named ones of the metrics of a group: the pooled number of each; of PSNR the mean over slices, and
-    `with_pooled` the pooled number, too."""
+    """The metrics of these `names` that a group has, each with its pooled number; PSNR has its mean over slices, and
+    the pooled number only `with_pooled`."""
+    of_psnr = ("pooled", "mean") if with_pooled else ("mean",)
     reduced = {}
     for name in names:
-        if name not in metrics:
-            continue
-        if name != PSNR:
-            numbers: tuple[str, ...] = ("pooled",)
-        elif with_pooled:
-            numbers = ("pooled", "mean")
-        else:
-            numbers = ("mean",)
-        reduced[name] = _reduced_statistics(metrics[name], *numbers)
+        if name in metrics:
+            reduced[name] = _reduced_statistics(metrics[name], *(of_psnr if name == PSNR else ("pooled",)))
     return {"metrics": reduced}
 
 
 def _reduced_statistics(stats: Statistics, *numbers: str) -> Statistics:
-    """The named numbers; if one is None, also the fields that tell whether it is exact or was never measured."""
+    """Only these `numbers`; if one is None, also the fields that tell whether it is exact or was never measured."""
     reduced = {name: stats[name] for name in numbers if name in stats}
     if None in reduced.values():  # JSON has no infinity: a PSNR without error is None, too
         reduced |= {key: stats[key] for key in ("exact", "slices")}
