@@ -101,11 +101,16 @@ class Measure(NamedTuple):
 
     def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> "OverSeeds":
         """The numbers of a cell over the records of the seeds of a codec."""
-        with_reasons = [self._value_or_why(record) for record in records]
-        pairs = [(value, record) for (value, _), record in zip(with_reasons, records, strict=True)]
-        measured = [(value, record) for value, record in pairs if not isnan(value)]
+        measured = []
+        reasons = []  # why the other records have no number
+        for record in records:
+            value, why = self._value_or_why(record)
+            if isnan(value):
+                reasons.append(why)
+            else:
+                measured.append((value, record))
         if not measured:
-            return OverSeeds(nan, why=next((why for _, why in with_reasons), ""))
+            return OverSeeds(nan, why=reasons[0] if reasons else "")
         if all(value == inf for value, _ in measured):
             return OverSeeds(inf)
         numbers = [self._counted_if_exact(record) if value == inf else value for value, record in measured]
@@ -190,7 +195,7 @@ def _unit_and_arrow(metric: MetricFacts) -> str:
     return f"{unit} {arrow}".strip()
 
 
-def _of_slices(name: str, unit: str, metric: str, group: str, statistic: str = "mean", spread: bool = False) -> Measure:
+def _metric(name: str, unit: str, metric: str, group: str, statistic: str = "mean", spread: bool = False) -> Measure:
     """A metric over a group of pairs; with `spread`, its deviation over slices stands beside it."""
     field = f"scores/{group}/metrics/{metric}"
     second = f"{field}/std" if spread else ""
@@ -201,12 +206,12 @@ def _other_metrics(material: MaterialRows, spread: bool) -> list[Measure]:
     """Every metric over the pairs that decide, but for PSNR and errors of radiance, which have a table of their own."""
     group = material.deciding_group
     shown = [(name, facts) for name, facts in material.metrics.items() if name != PSNR and not is_relative(name)]
-    return [_of_slices(label_of(name), _unit_and_arrow(facts), name, group, spread=spread) for name, facts in shown]
+    return [_metric(label_of(name), _unit_and_arrow(facts), name, group, spread=spread) for name, facts in shown]
 
 
 def _psnr(material: MaterialRows, spread: bool = False) -> Measure:
     """PSNR over the pairs that decide."""
-    return _of_slices("PSNR", "dB ↑", PSNR, material.deciding_group, spread=spread)
+    return _metric("PSNR", "dB ↑", PSNR, material.deciding_group, spread=spread)
 
 
 def _quality(material: MaterialRows) -> list[Measure]:
@@ -214,10 +219,10 @@ def _quality(material: MaterialRows) -> list[Measure]:
     # All cells of a row show one kind of deviation: that over seeds, if there are several seeds, else that over slices.
     spread = len(material.seeds) == 1
     return [
-        _of_slices("PSNR train", "dB ↑", PSNR, "train"),
+        _metric("PSNR train", "dB ↑", PSNR, "train"),
         _psnr(material, spread),
-        _of_slices("worst tenth", "dB ↑", PSNR, material.deciding_group, "worst"),
-        _of_slices("PSNR pooled", "dB ↑", PSNR, material.deciding_group, "pooled"),
+        _metric("worst tenth", "dB ↑", PSNR, material.deciding_group, "worst"),
+        _metric("PSNR pooled", "dB ↑", PSNR, material.deciding_group, "pooled"),
         *_other_metrics(material, spread),
     ]
 
@@ -251,7 +256,7 @@ def _slices(material: MaterialRows) -> list[Measure]:
 
 def _angular(material: MaterialRows) -> list[Measure]:
     """PSNR over each band of the pairs that decide, such as grazing views, with its number of slices."""
-    return [_of_slices(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(material)]
+    return [_metric(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(material)]
 
 
 def _radiance(material: MaterialRows) -> list[Measure]:
@@ -278,7 +283,7 @@ def _scored(material: MaterialRows) -> list[Measure]:
     sizes: list[Measure] = []
     if all(row.job["bytes"] for row in material.measured):  # slices that another program computed come without a file
         sizes = [_PARAMETERS, _CHANNELS, _TOTAL, _BITS]
-    train = _of_slices("train", "dB ↑", PSNR, "train")  # a shorter name, because a terminal is narrow
+    train = _metric("train", "dB ↑", PSNR, "train")  # a shorter name, because a terminal is narrow
     return [*sizes, train, _psnr(material), *_other_metrics(material, spread=False)]
 
 
@@ -334,7 +339,7 @@ def _scene(material: MaterialRows) -> list[Measure]:
     measures = [_TOTAL]
     # Pairs that are held out and that the scene uses; a scene may use none.
     if SCENE_HELDOUT in job["scores"]:
-        measures.append(_of_slices("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
+        measures.append(_metric("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
     for name in job["scene"]["metrics"]:
         if not is_relative(name):
             unit, digits = _unit_and_arrow(facts_of(job, name)), 2 if in_decibels(name) else 3
@@ -342,8 +347,8 @@ def _scene(material: MaterialRows) -> list[Measure]:
     for name in metrics_of(job, "scene"):  # the group of the pairs that the scene uses
         if not is_relative(name):
             unit = _unit_and_arrow(facts_of(job, name))
-            measures.append(_of_slices(f"weighted {label_of(name)}", unit, name, "scene", "pooled"))
-    outside = _of_slices("outside PSNR", "dB ↑", PSNR, OUTSIDE)  # over the pairs that the scene does not use
+            measures.append(_metric(f"weighted {label_of(name)}", unit, name, "scene", "pooled"))
+    outside = _metric("outside PSNR", "dB ↑", PSNR, OUTSIDE)  # over the pairs that the scene does not use
     return [*measures, *(measure._replace(whole_only=True) for measure in (outside, _psnr(material)))]
 
 
