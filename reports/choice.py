@@ -76,12 +76,13 @@ class Choice:
         """Raise `InputError` for a codec that none of the `chosen` jobs has; `jobs` are those of any choice."""
         names = {name for job in chosen for name in _codec_names(job)}
         for codec in self.codecs:
-            if codec not in names:
-                if any(codec in _codec_names(job) for job in jobs):
-                    remedy = "choose a material that it was measured on"
-                    raise InputError(f"--codec {codec}: this run does not have it on the chosen materials: {remedy}")
-                others = {str(job.get("codec") or job["label"]) for job in jobs} | {shown_label(job) for job in jobs}
-                raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, others)}")
+            if codec in names:
+                continue
+            if any(codec in _codec_names(job) for job in jobs):
+                remedy = "choose a material that it was measured on"
+                raise InputError(f"--codec {codec}: this run does not have it on the chosen materials: {remedy}")
+            others = {str(job.get("codec") or job["label"]) for job in jobs} | {shown_label(job) for job in jobs}
+            raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, others)}")
 
     def of_jobs(self, jobs: Sequence[Job]) -> list[Job]:
         """The jobs of the chosen codecs, of any material. `InputError` for a codec that none has."""
