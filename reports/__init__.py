@@ -164,10 +164,9 @@ def _together(runs: str | Path | Sequence[str | Path], kind: str | None) -> "Run
     from bench.records import load_together
 
     folders = [runs] if isinstance(runs, str | Path) else runs
-    # `beside`: a job on other data than those of published records stands beside them, instead of raising an error.
-    if kind in BY_BUDGET:  # a job that these tables cannot show must not replace one that they can
-        return load_together(folders, wanted=has_validation, beside=True)
-    return load_together(folders, beside=True)
+    # A job that tables of budgets cannot show must not replace one that they can. `beside`: a job on other data than
+    # those of published records stands beside them, instead of raising an error.
+    return load_together(folders, wanted=lambda job: kind not in BY_BUDGET or has_validation(job), beside=True)
 
 
 def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "Choice | None" = None) -> str:

@@ -45,8 +45,7 @@ class Atlases:
         shapes_by_material = [self._truth_shapes(material) for material in materials]
         pixels = sum(map(_pixels, shapes_by_material))
         characters = {quality: per_pixel * pixels for quality, per_pixel in QUALITIES}  # the best first
-        fitting = [quality for quality in characters if characters[quality] <= budget]
-        self.quality = fitting[0] if fitting else _WORST
+        self.quality = next((quality for quality in characters if characters[quality] <= budget), _WORST)
         # At the worst quality they may still be several times too large: then only some pairs are shown.
         times_too_large = math.ceil(characters[self.quality] / budget)
         self.step = max(1, times_too_large)  # 1: all pairs are shown
@@ -90,12 +89,12 @@ class Atlases:
             "wo": np.round(first["wo_deg"][:: self.step], 1).tolist(),
             "wi": np.round(first["wi_deg"][:: self.step], 1).tolist(),
             "truth": self._encoded(first["truth"]),
-            "codecs": [self._codec(row, pictures) for row, pictures in rows_alike],
+            "codecs": [self._codec_data(row, pictures) for row, pictures in rows_alike],
             "left_out": [row.label for row in material.shown if row.label not in labels],
             "quality": self.quality,
         }
 
-    def _codec(self, row: Row, pictures: Arrays) -> dict[str, Any]:
+    def _codec_data(self, row: Row, pictures: Arrays) -> dict[str, Any]:
         """A codec for the slice viewer: its label, and its pictures `decoded` and `flip` as data URLs.
 
         `flip` is absent where no map was stored. Where the run stored scores, there are also two lists with a number
@@ -103,7 +102,7 @@ class Atlases:
         """
         data: dict[str, Any] = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
         if "flip" in pictures:
-            data["flip"] = self._encoded(_levels(pictures["flip"]), most_quality=FLIP_QUALITY)
+            data["flip"] = self._encoded(_magma_levels(pictures["flip"]), most_quality=FLIP_QUALITY)
         flip = row.metric(FLIP)  # the full name of the variant that scored this job
         scores = arrays(self.run.folder, row.job, "slices", names=("pairs", PSNR, flip))  # a number a scored pair
         if scores:
@@ -121,11 +120,11 @@ class Atlases:
 
         Its quality is that of this atlas, but at most `most_quality` unless it is without loss.
         """
-        pictures = pictures[:: self.step]
-        count, height, width = pictures.shape[:3]
+        shown = pictures[:: self.step]
+        count, height, width = shown.shape[:3]
         rows, columns = _grid(count)  # as `slices_of` tells the viewer
         sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
-        for number, picture in enumerate(pictures):
+        for number, picture in enumerate(shown):
             row, column = divmod(number, columns)
             top, left = row * height, column * width
             sheet[top : top + height, left : left + width] = picture
@@ -172,7 +171,7 @@ def webp(picture: Image.Image, **options: Any) -> str:
     return "data:image/webp;base64," + base64.b64encode(file.getvalue()).decode()
 
 
-def _levels(maps: np.ndarray) -> np.ndarray:
+def _magma_levels(maps: np.ndarray) -> np.ndarray:
     """Maps drawn in the colours of magma, (n, H, W, 3) uint8, as grey pictures of the levels 0 to 255 of their colours.
 
     Grey is the same in all channels, (n, H, W, 3) uint8, and compresses better; the viewer colours it again. Magma

@@ -25,7 +25,6 @@ from bench.records import (
     Job,
     MetricFacts,
     counted,
-    deciding_group,
     grouped,
     metrics_of,
     shown_columns,
@@ -102,14 +101,19 @@ class Measure(NamedTuple):
 
     def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> "OverSeeds":
         """The numbers of a cell over the records of the seeds of a codec."""
-        found = [self._value(record) for record in records]
-        measured = [(value, record) for (value, _), record in zip(found, records, strict=True) if not isnan(value)]
+        measured = []
+        reasons = []  # why the other records have no number
+        for record in records:
+            value, why = self._value_or_why(record)
+            if isnan(value):
+                reasons.append(why)
+            else:
+                measured.append((value, record))
         if not measured:
-            _, why = found[0] if found else (nan, "")
-            return OverSeeds(nan, why=why)
+            return OverSeeds(nan, why=reasons[0] if reasons else "")
         if all(value == inf for value, _ in measured):
             return OverSeeds(inf)
-        numbers = [self._counted(record) if value == inf else value for value, record in measured]
+        numbers = [self._counted_if_exact(record) if value == inf else value for value, record in measured]
         if self.is_interval:  # from the lowest to the highest end of the seeds' intervals
             return OverSeeds(min(numbers), max(record[self.second] for _, record in measured))
         second = self._mean_second(measured) if self.second else self._deviation_over(numbers)
@@ -121,22 +125,22 @@ class Measure(NamedTuple):
         That of an exact record is 0, because its slices do not differ.
         """
         seconds = [0.0 if value == inf else record[self.second] for value, record in measured]
-        known = [second for second in seconds if not isnan(second)]
-        return fmean(known) if known else nan
+        numbers = [second for second in seconds if not isnan(second)]
+        return fmean(numbers) if numbers else nan
 
     def _deviation_over(self, numbers: Sequence[float]) -> float:
         """The deviation over seeds; NaN where the column does not show it, and where all seeds read the same."""
         differ = len({as_read(number, self.digits) for number in numbers}) > 1
         return stdev(numbers) if self.deviation and differ else nan
 
-    def _counted(self, record: Mapping[str, Any]) -> float:
+    def _counted_if_exact(self, record: Mapping[str, Any]) -> float:
         """What an exact record counts as in a mean: what it holds, or else the most that a slice counts, in dB."""
         return counted(None if isnan(record[self.field]) else record[self.field])
 
-    def _value(self, record: Mapping[str, Any]) -> tuple[float, str]:
+    def _value_or_why(self, record: Mapping[str, Any]) -> tuple[float, str]:
         """The number of one record, infinite if it is exact; without one NaN, and a word that says why, or ""."""
         value = record[self.field]
-        if self.timed and record["apart"] and not isnan(value):
+        if self.timed and record["unlike time"] and not isnan(value):
             return nan, NOT_COMPARABLE
         if self.field.startswith("scene/metrics/") and isnan(value) and isinstance(record["scene/name"], str):
             return inf, ""
@@ -179,7 +183,7 @@ def _declared() -> list[Measure]:
     return [Measure(name, unit, field, -digits) for field, (name, unit, digits) in shown_columns().items()]
 
 
-def _time() -> list[Measure]:
+def _times() -> list[Measure]:
     """The columns that fields declare, and those of the time of a query."""
     return [*_declared(), _NS, _INTERVAL, _FLOOR, _FUSED]
 
@@ -191,52 +195,46 @@ def _unit_and_arrow(metric: MetricFacts) -> str:
     return f"{unit} {arrow}".strip()
 
 
-def _mean(name: str, unit: str, metric: str, group: str, statistic: str = "mean", spread: bool = False) -> Measure:
+def _metric(name: str, unit: str, metric: str, group: str, statistic: str = "mean", spread: bool = False) -> Measure:
     """A metric over a group of pairs; with `spread`, its deviation over slices stands beside it."""
     field = f"scores/{group}/metrics/{metric}"
     second = f"{field}/std" if spread else ""
     return Measure(name, unit, f"{field}/{statistic}", 2 if in_decibels(metric) else 3, second, stated=True)
 
 
-def _others(material: MaterialRows, spread: bool) -> list[Measure]:
+def _other_metrics(material: MaterialRows, spread: bool) -> list[Measure]:
     """Every metric over the pairs that decide, but for PSNR and errors of radiance, which have a table of their own."""
-    group = _deciding(material)
+    group = material.deciding_group
     shown = [(name, facts) for name, facts in material.metrics.items() if name != PSNR and not is_relative(name)]
-    return [_mean(label_of(name), _unit_and_arrow(facts), name, group, spread=spread) for name, facts in shown]
+    return [_metric(label_of(name), _unit_and_arrow(facts), name, group, spread=spread) for name, facts in shown]
 
 
 def _psnr(material: MaterialRows, spread: bool = False) -> Measure:
     """PSNR over the pairs that decide."""
-    return _mean("PSNR", "dB ↑", PSNR, _deciding(material), spread=spread)
-
-
-def _deciding(material: MaterialRows) -> str:
-    """The name in records of the pairs that decide; "heldout" where nothing was measured."""
-    return material.measured[0].deciding_group if material.measured else "heldout"
+    return _metric("PSNR", "dB ↑", PSNR, material.deciding_group, spread=spread)
 
 
 def _quality(material: MaterialRows) -> list[Measure]:
     """PSNR of training pairs and of those that decide, and every other metric."""
     # All cells of a row show one kind of deviation: that over seeds, if there are several seeds, else that over slices.
     spread = len(material.seeds) == 1
-    group = _deciding(material)
     return [
-        _mean("PSNR train", "dB ↑", PSNR, "train"),
+        _metric("PSNR train", "dB ↑", PSNR, "train"),
         _psnr(material, spread),
-        _mean("worst tenth", "dB ↑", PSNR, group, "worst"),
-        _mean("PSNR pooled", "dB ↑", PSNR, group, "pooled"),
-        *_others(material, spread),
+        _metric("worst tenth", "dB ↑", PSNR, material.deciding_group, "worst"),
+        _metric("PSNR pooled", "dB ↑", PSNR, material.deciding_group, "pooled"),
+        *_other_metrics(material, spread),
     ]
 
 
 def in_short(material: MaterialRows) -> list[Measure]:
     """The size of a file, its PSNR and its times, whether or not rows have them."""
-    return [_TOTAL, _BITS, _psnr(material), *(measure for measure in _time() if not measure.sparse)]
+    return [_TOTAL, _BITS, _psnr(material), *(measure for measure in _times() if not measure.sparse)]
 
 
 def in_summary(material: MaterialRows) -> list[Measure]:
     """The columns of a summary over materials besides PSNR: every other metric, size, time."""
-    return [*_others(material, spread=False), _TOTAL, _FLOOR, _FUSED]
+    return [*_other_metrics(material, spread=False), _TOTAL, _FLOOR, _FUSED]
 
 
 def psnr_of(material: MaterialRows) -> dict[str, float]:
@@ -248,17 +246,17 @@ def psnr_of(material: MaterialRows) -> dict[str, float]:
 
 def _main(material: MaterialRows) -> list[Measure]:
     """Size, quality and time."""
-    return [*_SIZE, *_quality(material), *_time()]
+    return [*_SIZE, *_quality(material), *_times()]
 
 
 def _slices(material: MaterialRows) -> list[Measure]:
     """Every metric as papers report it: mean ± std over slices."""
-    return [_psnr(material, spread=True), *_others(material, spread=True)]
+    return [_psnr(material, spread=True), *_other_metrics(material, spread=True)]
 
 
 def _angular(material: MaterialRows) -> list[Measure]:
     """PSNR over each band of the pairs that decide, such as grazing views, with its number of slices."""
-    return [_mean(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(material)]
+    return [_metric(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(material)]
 
 
 def _radiance(material: MaterialRows) -> list[Measure]:
@@ -285,8 +283,8 @@ def _scored(material: MaterialRows) -> list[Measure]:
     sizes: list[Measure] = []
     if all(row.job["bytes"] for row in material.measured):  # slices that another program computed come without a file
         sizes = [_PARAMETERS, _CHANNELS, _TOTAL, _BITS]
-    train = _mean("train", "dB ↑", PSNR, "train")  # a shorter name, because a terminal is narrow
-    return [*sizes, train, _psnr(material), *_others(material, spread=False)]
+    train = _metric("train", "dB ↑", PSNR, "train")  # a shorter name, because a terminal is narrow
+    return [*sizes, train, _psnr(material), *_other_metrics(material, spread=False)]
 
 
 def _short(material: MaterialRows) -> list[Measure]:
@@ -297,7 +295,7 @@ def _short(material: MaterialRows) -> list[Measure]:
 
 def _detail(material: MaterialRows) -> list[Measure]:
     """PSNR by direction and by footprint, and the error of radiance over the pairs that decide."""
-    error = Measure("RMSE", "% mean ↓", f"scores/{_deciding(material)}/metrics/{RMSE}/{_PERCENT}", 1)
+    error = Measure("RMSE", "% mean ↓", f"scores/{material.deciding_group}/metrics/{RMSE}/{_PERCENT}", 1)
     # Without the first band, all pairs that decide, and the first footprint, one texel: the first column shows both.
     others = [*_angular(material)[1:], error, *_footprints(material)[1:]]
     return [_psnr(material, spread=True), *(measure._replace(deviation=False) for measure in others)]
@@ -312,25 +310,22 @@ class _Band(NamedTuple):
 
 
 def _bands(material: MaterialRows) -> list[_Band]:
-    """All pairs that decide, then the subsets of them, without subsets of subsets, which would be too many columns;
-    last the pairs of low light, where there are some, which decide nothing.
+    """All pairs that decide; then their subsets, but no subsets of these, which would be too many columns; last the
+    pairs of low light, which decide nothing, if a record has them.
 
     A record names a group after what it is part of: "heldout", then "heldout, grazing view".
     """
     scores = material.measured[0].job["scores"]  # all comparable rows have the same groups
-    deciding = deciding_group(scores)
-    subsets = []
-    for group in scores:
-        parent, _, subset = group.partition(", ")
-        is_subset_of_subset = ", " in subset
-        if parent == deciding and subset and not is_subset_of_subset:
-            subsets.append(_Band(_BAND_NAMES.get(subset, subset), group, scores[group].get("slices", 0)))
-    order = list(_BAND_NAMES.values())  # bands with other names are last
-    subsets.sort(key=lambda band: order.index(band.name) if band.name in order else len(order))
+    deciding = material.deciding_group
+    paths = [group.split(", ") for group in scores]
+    subsets = [path[1] for path in paths if path[0] == deciding and len(path) == 2]
+    order = list(_BAND_NAMES)  # other subsets are last
+    subsets.sort(key=lambda subset: order.index(subset) if subset in order else len(order))
+    groups = {deciding: "held out" if deciding == "heldout" else "all"}  # the name in the header of each
+    groups |= {f"{deciding}, {subset}": _BAND_NAMES.get(subset, subset) for subset in subsets}
     if LOW_LIGHT in scores:
-        subsets.append(_Band("θ_i>75°", LOW_LIGHT, scores[LOW_LIGHT].get("slices", 0)))
-    all_name = "held out" if deciding == "heldout" else "all"
-    return [_Band(all_name, deciding, scores[deciding].get("slices", 0)), *subsets]
+        groups[LOW_LIGHT] = "θ_i>75°"
+    return [_Band(name, group, scores[group].get("slices", 0)) for group, name in groups.items()]
 
 
 def _scene(material: MaterialRows) -> list[Measure]:
@@ -344,7 +339,7 @@ def _scene(material: MaterialRows) -> list[Measure]:
     measures = [_TOTAL]
     # Pairs that are held out and that the scene uses; a scene may use none.
     if SCENE_HELDOUT in job["scores"]:
-        measures.append(_mean("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
+        measures.append(_metric("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
     for name in job["scene"]["metrics"]:
         if not is_relative(name):
             unit, digits = _unit_and_arrow(facts_of(job, name)), 2 if in_decibels(name) else 3
@@ -352,8 +347,8 @@ def _scene(material: MaterialRows) -> list[Measure]:
     for name in metrics_of(job, "scene"):  # the group of the pairs that the scene uses
         if not is_relative(name):
             unit = _unit_and_arrow(facts_of(job, name))
-            measures.append(_mean(f"weighted {label_of(name)}", unit, name, "scene", "pooled"))
-    outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)  # over the pairs that the scene does not use
+            measures.append(_metric(f"weighted {label_of(name)}", unit, name, "scene", "pooled"))
+    outside = _metric("outside PSNR", "dB ↑", PSNR, OUTSIDE)  # over the pairs that the scene does not use
     return [*measures, *(measure._replace(whole_only=True) for measure in (outside, _psnr(material)))]
 
 
@@ -377,11 +372,12 @@ def _scene_notes(material: MaterialRows) -> list[str]:
     ]
 
 
-def _notes(
-    of_table: Callable[[MaterialRows], Sequence[str]] = common_notes, first: Sequence[str] = ()
+def _and_last_notes(
+    notes_of: Callable[[MaterialRows], Sequence[str]] = common_notes, first: Sequence[str] = ()
 ) -> Callable[[MaterialRows], list[str]]:
-    """The notes of a table, then those on models of a scene, which stand last, and on seeds."""
-    return lambda material: [*first, *of_table(material), *scene_notes([material]), *_seed_notes(material)]
+    """A function that gives the notes of a table, after some `first` ones; the last are on models of a scene and on
+    seeds."""
+    return lambda material: [*first, *notes_of(material), *scene_notes([material]), *_seed_notes(material)]
 
 
 class _Described(NamedTuple):
@@ -398,18 +394,18 @@ _BOXES = "Answers over a square of this many texels a side, compared with the bo
 _WHERE = "dB: display PSNR by direction (and number of slices) and by footprint. RMSE: of radiance, over its mean."
 _SLICES = "as papers report it, mean ± std over slices"
 _TABLES = {
-    "main": _Described("main", "", _main, _notes(main_notes)),
+    "main": _Described("main", "", _main, _and_last_notes(main_notes)),
     # A main table for a page that is too narrow for all of its columns is two.
-    "quality": _Described("main", "quality", _quality, _notes(quality_notes)),
-    "cost": _Described("main", "size and time", lambda _: (*_SIZE, *_time()), _notes(cost_notes)),
+    "quality": _Described("main", "quality", _quality, _and_last_notes(quality_notes)),
+    "cost": _Described("main", "size and time", lambda _: (*_SIZE, *_times()), _and_last_notes(cost_notes)),
     # For a terminal: a main table, one of a file without a run, and both footprints and directions.
-    "short": _Described("main", "", _short, _notes(main_notes)),
-    "scored": _Described("main", "", _scored, _notes(main_notes)),
+    "short": _Described("main", "", _short, _and_last_notes(main_notes)),
+    "scored": _Described("main", "", _scored, _and_last_notes(main_notes)),
     "detail": _Described("detail", "where the error lies", _detail, lambda _: [_WHERE]),
-    "slices": _Described("slices", _SLICES, _slices, _notes(quality_notes)),
-    "angular": _Described("angular", "display PSNR by direction", _angular, _notes()),
-    "radiance": _Described("radiance", "error of radiance by direction", _radiance, _notes(first=[_RELATIVE])),
-    "footprints": _Described("footprints", "display PSNR by footprint", _footprints, _notes(first=[_BOXES])),
+    "slices": _Described("slices", _SLICES, _slices, _and_last_notes(quality_notes)),
+    "angular": _Described("angular", "display PSNR by direction", _angular, _and_last_notes()),
+    "radiance": _Described("radiance", "error of radiance by direction", _radiance, _and_last_notes(first=[_RELATIVE])),
+    "footprints": _Described("footprints", "display PSNR by footprint", _footprints, _and_last_notes(first=[_BOXES])),
     "scene": _Described("scene", "scores in the scene", _scene, _scene_notes),
 }
 
@@ -426,15 +422,8 @@ def tables(materials: Iterable[MaterialRows], name: str, stale: bool = True) -> 
             continue
         codecs = sorted(material.codecs, key=scene_quality if kind == "scene" else _rank, reverse=True)
         rows = [*rows_of(codecs, measures), *_in_addition(material.measured[0].job, measures)]
-        values = pd.DataFrame(rows, dtype=object)
-        if not stale:
-            values = values.drop(columns="stale")
-        columns = [Column("codec", "", "codec")]
-        for measure in measures:
-            if not measure.sparse or values.loc[values["measured"], measure.field].notna().any():
-                # In the table of a scene its models are ranked, but not in columns that are not about it.
-                in_scene = kind == "scene" and not measure.whole_only
-                columns.append(measure.column(values, "in addition" if in_scene else "unranked"))
+        values = pd.DataFrame(rows, dtype=object).drop(columns=[] if stale else "stale")
+        columns = [Column("codec", "", "codec"), *_columns_with_numbers(kind, measures, values)]
         title = f"{material.name}: {about}" if about else material.name
         if kind == "scene":
             title += f" {material.measured[0].job['scene']['name']}"
@@ -443,16 +432,25 @@ def tables(materials: Iterable[MaterialRows], name: str, stale: bool = True) -> 
         yield written(kind, title, values, columns, notes_of(material), material=material.name)
 
 
-def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
-    """The values of each codec on a material, over its seeds, by field, what stands beside each, or why it has none.
+def _columns_with_numbers(kind: str, measures: Sequence[Measure], values: pd.DataFrame) -> Iterator[Column]:
+    """The columns of a table, without sparse ones for which no measured codec has a number."""
+    for measure in measures:
+        if not measure.sparse or values.loc[values["measured"], measure.field].notna().any():
+            # In the table of a scene its models are ranked, but not in columns that are not about it.
+            in_scene = kind == "scene" and not measure.whole_only
+            yield measure.column(values, "in addition" if in_scene else "unranked")
 
-    Further columns: `codec`, its label; and whether it is `stale`, since the installed version cannot make some seed
-    again; is `measured`, so that it has numbers; is `unranked`; has times that were `timed apart`; or is `in addition`
-    to the codecs. Codecs without numbers say why: `n/c` for each value if a job is not comparable, “failed” for the
-    first if one failed.
+
+def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
+    """The row of each codec on a material, over its seeds. Each measure gives three values: its number, the second one
+    beside it, and why there is none: `n/c` if a job is not comparable, “failed” for the first measure if one failed.
+
+    Further values: `codec`, its label; whether it is `stale`, since the installed version cannot make some seed again;
+    is `measured`, so that it has numbers; is `unranked`; has times that were `timed apart`; or is `in addition` to the
+    codecs.
     """
     for codec in codecs:
-        measured = [_values(row) for row in codec.measured]
+        measured = [_values_of_job(row) for row in codec.measured]
         apart = any(row.timed_apart for row in codec.measured)
         values: dict[str, Any] = {
             "codec": codec.label,
@@ -472,15 +470,15 @@ def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterato
         yield values
 
 
-def _values(row: Row) -> Mapping[str, Any]:
+def _values_of_job(row: Row) -> Mapping[str, Any]:
     """The values of a job by column of the frame, NaN where it has none, and what only these tables have of it."""
-    known = {name: value for name, value in row.values.items() if value is not None}
-    relative = {name: value for name, value in known.items() if name.endswith("/relative")}
+    values = {name: value for name, value in row.values.items() if value is not None}
+    relative = {name: value for name, value in values.items() if name.endswith("/relative")}
     percent = {name.replace("relative", _PERCENT): 100 * value for name, value in relative.items()}
-    others = [value for name, value in known.items() if name.startswith("bytes/") and name not in _NAMED_BYTES]
+    other_bytes = [size for name, size in values.items() if name.startswith("bytes/") and name not in _NAMED_BYTES]
     # A time of another start is shown, with a star; one under other conditions is not.
-    apart = bool(row.timing_obstacle) and not row.timed_apart
-    return defaultdict(lambda: nan, known | percent | {_OTHER_BYTES: sum(others), "apart": apart})
+    unlike_time = bool(row.timing_obstacle) and not row.timed_apart
+    return defaultdict(lambda: nan, values | percent | {_OTHER_BYTES: sum(other_bytes), "unlike time": unlike_time})
 
 
 def _in_addition(job: Job, measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:

@@ -76,12 +76,13 @@ class Choice:
         """Raise `InputError` for a codec that none of the `chosen` jobs has; `jobs` are those of any choice."""
         names = {name for job in chosen for name in _codec_names(job)}
         for codec in self.codecs:
-            if codec not in names:
-                if any(codec in _codec_names(job) for job in jobs):
-                    remedy = "choose a material that it was measured on"
-                    raise InputError(f"--codec {codec}: this run does not have it on the chosen materials: {remedy}")
-                known = {str(job.get("codec") or job["label"]) for job in jobs} | {shown_label(job) for job in jobs}
-                raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, known)}")
+            if codec in names:
+                continue
+            if any(codec in _codec_names(job) for job in jobs):
+                remedy = "choose a material that it was measured on"
+                raise InputError(f"--codec {codec}: this run does not have it on the chosen materials: {remedy}")
+            others = {str(job.get("codec") or job["label"]) for job in jobs} | {shown_label(job) for job in jobs}
+            raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, others)}")
 
     def of_jobs(self, jobs: Sequence[Job]) -> list[Job]:
         """The jobs of the chosen codecs, of any material. `InputError` for a codec that none has."""
@@ -101,13 +102,11 @@ class Choice:
         Tables without any of the columns, and those of a material that is not chosen, are left out. `InputError` for a
         column that no table has.
         """
-        if self.materials:  # a table with the material "" is about all of them
-            tables = [table for table in tables if not table.material or table.material in self.materials]
+        # A table with the material "" is about all of them.
+        chosen = [table for table in tables if not self.materials or table.material in ("", *self.materials)]
         if self.columns:
-            tables = self._with_columns(tables)
-        if self.names:
-            return [self._renamed(table) for table in tables]
-        return list(tables)
+            chosen = self._with_columns(chosen)
+        return [self._renamed(table) for table in chosen]
 
     def _with_columns(self, tables: Sequence[Table]) -> list[Table]:
         """The tables that have chosen columns, with only these; `InputError` for a column that no table has."""
@@ -142,16 +141,17 @@ class Choice:
         for row in table.rows:
             words, numbers = row[: table.words], row[table.words :]
             word_cells += words
-            rows.append([*map(self.said, words), *numbers])
+            rows.append([*map(self.with_new_names, words), *numbers])
         # In notes only names that this table has are replaced: that of another codec may be a plain word there.
         names_of_table = set()
         for old in self.names:
             if old == table.material or any(old in cell for cell in word_cells):
                 names_of_table.add(old)
         headers = [self._renamed_header(header) for header in table.headers]
-        notes = [self.said(note, names_of_table) for note in table.notes]
+        notes = [self.with_new_names(note, names_of_table) for note in table.notes]
+        title = self.with_new_names(table.title)
         material = self.names.get(table.material, table.material)
-        return replace(table, headers=headers, rows=rows, title=self.said(table.title), notes=notes, material=material)
+        return replace(table, headers=headers, rows=rows, title=title, notes=notes, material=material)
 
     def _renamed_header(self, header: tuple[str, str]) -> tuple[str, str]:
         """A header with its new name, which may be given for its name alone or for its name with its unit.
@@ -163,11 +163,10 @@ class Choice:
         name_and_unit = _name_and_unit(header)
         if name_and_unit in self.names:
             return self.names[name_and_unit], unit.over if isinstance(unit, Spread) else ""
-        if isinstance(unit, OfData):
-            unit = self.said(unit)
-        return self.said(name) if isinstance(name, OfData) else self.names.get(name, name), unit
+        new_name = self.with_new_names(name) if isinstance(name, OfData) else self.names.get(name, name)
+        return new_name, self.with_new_names(unit) if isinstance(unit, OfData) else unit
 
-    def said(self, text: str, old_names: set[str] | None = None) -> str:
+    def with_new_names(self, text: str, old_names: set[str] | None = None) -> str:
         """A text with new names in place of old ones where these stand as whole words.
 
         All old names are replaced, or only those in `old_names`.

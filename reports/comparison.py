@@ -57,10 +57,10 @@ def terminal(comparison: Comparison) -> str:
 
     tables = []
     for material, rows in grouped(listed, lambda row: row.material).items():
-        tables += [_deciding(material, rows), *_others(material, rows)]
+        tables += [_deciding_table(material, rows), *_undeciding_tables(material, rows)]
     if comparison.means:
         title = comparison.means[0].material  # in place of a material all of them say "all materials"
-        tables.append(_deciding(title, comparison.means))
+        tables.append(_deciding_table(title, comparison.means))
 
     # A line for each finding, each note and each advice. The first word is 7 wide, so that texts stand below each
     # other.
@@ -116,12 +116,12 @@ def markdown(comparison: Comparison) -> str:
 
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(remarks)]
     if comparison.rows:
-        verdicts = _combined(rows_and_means, attrgetter("deciding"), "verdict", lambda row: _MARKS[row.verdict])
+        verdicts = _combined_table(rows_and_means, attrgetter("deciding"), "verdict", lambda row: _MARKS[row.verdict])
         blocks.append(grid(verdicts))
 
     rows = [row for row in comparison.rows if row.shown]  # `shown` has the changes that do not decide
     if rows:
-        rest = grid(_combined(rows, attrgetter("shown"), "time, × floor", _time))
+        rest = grid(_combined_table(rows, attrgetter("shown"), "time, × floor", _time_cell))
         # The empty line lets GitHub read the table inside the HTML as Markdown.
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
     blocks += [escaped(note) for note in comparison.notes]
@@ -133,7 +133,7 @@ def _word(verdict: Verdict) -> str:
     return NOT_COMPARABLE if verdict == Verdict.UNLIKE else verdict
 
 
-def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
+def _deciding_table(material: str, rows: Sequence[ComparedRow]) -> Table:
     """The table of the quantities that decide, a row a codec; `material` is its title.
 
     A metric has a column of its change and margin; PSNR has one of its value, too. A size, which is no metric, has one
@@ -149,12 +149,12 @@ def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
     for row in rows:
         line = [row.label]
         for quantity in quantities:
-            line += _cells(quantity, _find(row.deciding, quantity))
+            line += _deciding_cells(quantity, _change_of(quantity, row.deciding))
         lines.append([*line, _word(row.verdict)])
     return Table("compare", material, [*headers, ("verdict", "")], lines)
 
 
-def _cells(quantity: Quantity, change: Change | None) -> list[str]:
+def _deciding_cells(quantity: Quantity, change: Change | None) -> list[str]:
     """The cells of a change: two for PSNR, by which codecs are ranked, and one for any other quantity.
 
     PSNR has its value in the new run, then the change with its margin; another metric has the change with its margin
@@ -174,13 +174,13 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
     return [value, with_margin] if with_value else [with_margin]
 
 
-def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
+def _undeciding_tables(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
     """A list of one table, or of none where there is nothing to show: the values of a material that do not decide.
 
     Their changes are new − base; the last column has the times of queries in both runs.
     """
-    rows = [row for row in rows if row.shown]
-    all_changes = list(chain.from_iterable(row.shown for row in rows))
+    with_changes = [row for row in rows if row.shown]
+    all_changes = list(chain.from_iterable(row.shown for row in with_changes))
     # A quantity that is the same in both runs in all rows needs no column.
     changed_names = {
         change.quantity.name
@@ -188,26 +188,26 @@ def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
         if change.difference is None or change.quantity.shows(change.difference)
     }
     quantities = [quantity for quantity in _quantities([all_changes]) if quantity.name in changed_names]
-    if not quantities and not any(row.timing for row in rows):
+    if not quantities and not any(row.timing for row in with_changes):
         return []
     headers = [("change of", "")]
     headers += [(quantity.name.replace("_", " "), quantity.scale) for quantity in quantities]
     cells = []
-    for row in rows:
-        differences = [_difference(_find(row.shown, quantity)) for quantity in quantities]
-        cells.append([row.label, *differences, _time(row)])
+    for row in with_changes:
+        differences = [_difference_cell(_change_of(quantity, row.shown)) for quantity in quantities]
+        cells.append([row.label, *differences, _time_cell(row)])
     title = f"{material}: everything else"
     return [Table("compare", title, [*headers, ("time", "× floor")], cells)]
 
 
-def _difference(change: Change | None) -> str:
+def _difference_cell(change: Change | None) -> str:
     """The difference of a change as text, “=” if it rounds to 0; a dash if there is no change or it has no number."""
     if change is None or change.difference is None:
         return NONE
     return change.quantity.difference(change.difference)
 
 
-def _combined(
+def _combined_table(
     rows: Sequence[ComparedRow],
     changes_of: Callable[[ComparedRow], list[Change]],
     last_header: str,
@@ -222,8 +222,8 @@ def _combined(
     cells = []
     marks: dict[tuple[int, int], str] = {}
     for number, row in enumerate(rows):
-        changes = [_find(changes_of(row), quantity) for quantity in quantities]
-        cells.append([row.material, row.label, *map(_cell, changes), last_cell(row)])
+        changes = [_change_of(quantity, changes_of(row)) for quantity in quantities]
+        cells.append([row.material, row.label, *map(_combined_cell, changes), last_cell(row)])
         for column, change in enumerate(changes, 2):  # after the columns of material and codec
             if change and change.verdict in (Verdict.WORSE, Verdict.BETTER):
                 marks[number, column] = BOLD
@@ -237,7 +237,7 @@ def _combined(
     return Table("compare", "", [*headers, (last_header, "")], cells, words=2, marks=marks)
 
 
-def _cell(change: Change | None) -> str:
+def _combined_cell(change: Change | None) -> str:
     """A change in one cell: the new value, its difference if it is not 0, and the margin; a dash without a change."""
     if change is None:
         return NONE
@@ -253,7 +253,7 @@ def _cell(change: Change | None) -> str:
     return text
 
 
-def _time(row: ComparedRow) -> str:
+def _time_cell(row: ComparedRow) -> str:
     """The mean times of a query in both runs, as multiples of the floor's: "2.10 → 2.05".
 
     A dash if a run has no time, or they cannot be compared.
@@ -269,6 +269,6 @@ def _quantities(changes_of_rows: Iterable[Sequence[Change]]) -> list[Quantity]:
     return list(by_name.values())
 
 
-def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:
+def _change_of(quantity: Quantity, changes: Sequence[Change]) -> Change | None:
     """The change of a quantity, by its name; None if it is not among them."""
     return next((change for change in changes if change.quantity.name == quantity.name), None)

@@ -10,10 +10,21 @@ from bench.compare.paired import AGAINST
 from bench.compare.statistics import bd_rate
 from bench.records import Run
 from reports.numbers import NONE, fixed, signed
-from reports.of_rungs import CAP, CODEC, METRICS, Parts, interval_cell, lead_cell, of_leads, stale_of, won_cell
+from reports.of_rungs import (
+    CAP,
+    CODEC,
+    METRICS,
+    Parts,
+    frame_of_leads,
+    interval_cell,
+    lead_cell,
+    stale_of,
+    won_cell,
+    written_together,
+)
 from reports.rungs import ENOUGH, FOOTPRINTS, LEAST_RUNGS, LEAST_SURFACES, Rungs, median_over, rungs_of
 from reports.table import Table
-from reports.values import Column, Row, written
+from reports.values import Column, Row
 
 MEMORY = 256  # bits a texel of a decoder in memory, at which codecs are compared
 _NEVER = "∞"  # a BD-rate: no number of bytes is enough
@@ -25,58 +36,55 @@ def curves_tables(run: Run) -> Iterator[Table]:
     PSNR at several sizes stands in `table budgets`.
     """
     rungs = rungs_of(run)
-    made = []
+    makers = [_three_metrics, _by_footprint, _in_memory]
     if AGAINST in rungs.hulls:
-        made.append(_differences(rungs))
-    made += [_three_metrics(rungs), _footprints(rungs), _in_memory(rungs)]
-    with_rows = [parts for parts in made if not parts.values.empty]
-    if with_rows:  # notes on all of them stand once, below the last
-        last_notes = with_rows[-1].notes
-        reach = (
-            f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
-        )
-        last_notes.append(
-            f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {CAP}"
-        )
-        if rungs.unlike:
-            last_notes.append(f"Left out: {len(rungs.unlike)} jobs that are not comparable.")
-    for title, values, columns, notes in with_rows:
-        values["codec"] = values.index
-        values["stale"] = stale_of(rungs, values.index)
-        yield written("curves", title, values, [CODEC, *columns], notes)
+        makers.insert(0, _differences_to_against)
+    tables = []
+    for title, values, columns, notes in (make(rungs) for make in makers):
+        if not values.empty:
+            named = values.assign(codec=values.index, stale=stale_of(rungs, values.index))
+            tables.append(Parts(title, named, [CODEC, *columns], notes))
+    common = [
+        "Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). "
+        f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there. {CAP}"
+    ]
+    if rungs.unlike:
+        common.append(f"Left out: {len(rungs.unlike)} jobs that are not comparable.")
+    return written_together("curves", tables, common)
 
 
-def _differences(rungs: Rungs) -> Parts:
+def _differences_to_against(rungs: Rungs) -> Parts:
     """A row a codec: BD-PSNR by kind of surface and over all, each with its interval, and BD-rate."""
     lines = [line for line in rungs.hulls if line != AGAINST]
-    values = of_leads({line: rungs.lead(line) for line in lines})
+    values = frame_of_leads({line: rungs.lead(line) for line in lines})
     for kind, surfaces in rungs.kinds.items():
-        of_kind = of_leads({line: rungs.lead(line, surfaces) for line in values.index})
-        of_kind = of_kind[of_kind["surfaces"] == len(surfaces)]  # a median over fewer surfaces would not compare
-        values[[kind, f"{kind} low", f"{kind} high"]] = of_kind[["median", "low", "high"]].reindex(values.index)
+        leads = frame_of_leads({line: rungs.lead(line, surfaces) for line in values.index})
+        on_all = leads[leads["surfaces"] == len(surfaces)]  # a median over fewer surfaces would not compare
+        values[[kind, f"{kind} low", f"{kind} high"]] = on_all[["median", "low", "high"]].reindex(values.index)
     values["rate"] = [100 * _median_rate(rungs, line) for line in values.index]
     values = values.sort_values("median", ascending=False, kind="stable")
-    told = f"None is told apart: that takes {LEAST_SURFACES} surfaces."
+    star = f"None is told apart: that takes {LEAST_SURFACES} surfaces."
     if (values["surfaces"] >= LEAST_SURFACES).any():
-        told = f"*: told apart: at least {LEAST_SURFACES} surfaces, and an interval without 0."
+        star = f"*: told apart: at least {LEAST_SURFACES} surfaces, and an interval without 0."
     notes = [
         "BD-PSNR: the mean gap in dB at equal bytes, over the bytes that both codecs reach. BD-rate: the mean gap in "
         f"bytes at equal dB; less than 0 takes fewer bytes; {_NEVER}: on half of the surfaces or more, no file of the "
-        f"codec is as good as the smallest of {AGAINST}. {told}"
+        f"codec is as good as the smallest of {AGAINST}. {star}"
     ]
     columns = []
-    for kind, on in rungs.kinds.items():
-        columns.append(Column(f"{kind}, {len(on)}", "dB ↑", kind, write=_with_interval(kind, len(on) == 1)))
+    for kind, surfaces in rungs.kinds.items():
+        write = _lead_with_interval(kind, is_single=len(surfaces) == 1)
+        columns.append(Column(f"{kind}, {len(surfaces)}", "dB ↑", kind, write=write))
     columns += [
         Column("all", "dB ↑", "median", signed=True),
         Column("95 % interval", "of the median", "median", write=interval_cell),
         Column("ahead", "on ↑", "won", 0, write=won_cell),
-        Column("BD-rate", "median ↓", "rate", 0, signed=True, write=_rate),
+        Column("BD-rate", "median ↓", "rate", 0, signed=True, write=_rate_cell),
     ]
     return Parts(f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR", values, columns, notes)
 
 
-def _with_interval(kind: str, single: bool) -> Callable[[Row], str]:
+def _lead_with_interval(kind: str, is_single: bool) -> Callable[[Row], str]:
     """A function that writes the lead of a row on surfaces of a kind, or on a single one, with its interval."""
 
     def write(row: Row) -> str:
@@ -85,7 +93,7 @@ def _with_interval(kind: str, single: bool) -> Callable[[Row], str]:
         if isnan(row[kind]):
             return NONE
         lead, low, high = row[kind], row[f"{kind} low"], row[f"{kind} high"]
-        if single and low == high:
+        if is_single and low == high:
             return signed(lead, 1)
         return f"{signed(lead, 1)} ({signed(low, 1)} to {signed(high, 1)})"
 
@@ -111,7 +119,7 @@ def _median_rate(rungs: Rungs, line: str) -> float:
     return median(rates) if rates else nan
 
 
-def _rate(row: Row) -> str:
+def _rate_cell(row: Row) -> str:
     """A BD-rate in per cent as a cell."""
     if isnan(row["rate"]):
         return NONE
@@ -133,7 +141,7 @@ def _three_metrics(rungs: Rungs) -> Parts:
         Column("SSIM", "↑", "ssim", ranked=False, write=_with_place("ssim", 3)),
         Column("FLIP", "↓", "flip", ranked=False, write=_with_place("flip", 3)),
     ]
-    return Parts(f"Curves {_where(rungs)}: three metrics, and the place by each", values, columns, [])
+    return Parts(f"Curves {_size_and_surfaces(rungs)}: three metrics, and the place by each", values, columns, [])
 
 
 def _with_place(field: str, digits: int) -> Callable[[Row], str]:
@@ -141,7 +149,7 @@ def _with_place(field: str, digits: int) -> Callable[[Row], str]:
     return lambda row: f"{fixed(row[field], digits)} ({row[f'{field} place']:.0f})"
 
 
-def _footprints(rungs: Rungs) -> Parts:
+def _by_footprint(rungs: Rungs) -> Parts:
     """A row a codec: PSNR at one size, a column a footprint. From further away a pixel covers more texels a side."""
     values = pd.DataFrame({side: median_over(rungs.read(ENOUGH.most, side)) for side in FOOTPRINTS}).dropna()
     values = values.sort_values(FOOTPRINTS[-1], ascending=False, kind="stable")
@@ -149,10 +157,10 @@ def _footprints(rungs: Rungs) -> Parts:
     note = (
         "Footprint: texels a side of a pixel. The truth is averaged over it; a codec without levels of detail aliases."
     )
-    return Parts(f"Curves {_where(rungs)}: PSNR by footprint", values, columns, [note])
+    return Parts(f"Curves {_size_and_surfaces(rungs)}: PSNR by footprint", values, columns, [note])
 
 
-def _where(rungs: Rungs) -> str:
+def _size_and_surfaces(rungs: Rungs) -> str:
     """The size and the number of surfaces, in words."""
     count = len(rungs.surfaces)
     return f"at {ENOUGH.most} bits a texel on {count} surface{'s' if count > 1 else ''}"
@@ -161,13 +169,13 @@ def _where(rungs: Rungs) -> str:
 def _in_memory(rungs: Rungs) -> Parts:
     """A row a codec: PSNR by kind of surface, at one size in memory in place of one in the file, and the lead there."""
     resident = rungs.over_memory()
-    values = pd.DataFrame({kind: median_over(resident.read(MEMORY)[on]) for kind, on in rungs.kinds.items()})
-    values = values.dropna(how="all")
-    values = values.join(of_leads({line: resident.lead(line) for line in values.index}))
-    values["single"] = False
+    psnr = resident.read(MEMORY)
+    medians = pd.DataFrame({kind: median_over(psnr[surfaces]) for kind, surfaces in rungs.kinds.items()})
+    medians = medians.dropna(how="all")
+    values = medians.join(frame_of_leads({line: resident.lead(line) for line in medians.index})).assign(single=False)
     values = values.sort_values([*rungs.kinds], ascending=False, kind="stable")
     columns = [
-        *(Column(f"{kind}, {len(on)}", "dB ↑", kind) for kind, on in rungs.kinds.items()),
+        *(Column(f"{kind}, {len(surfaces)}", "dB ↑", kind) for kind, surfaces in rungs.kinds.items()),
         Column("lead", "dB ↑", "median", signed=True, write=lead_cell),
         Column("95 % interval", "of the lead", "median", write=interval_cell),
     ]

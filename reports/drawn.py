@@ -93,7 +93,7 @@ def _with_names_and_width(figure: Figure, wanted: Wanted) -> Figure:
     texts = [text for text in drawing.findobj(Text) if isinstance(text, Text)]  # the condition is for the type checker
     with style():  # a layout and a PNG need it as well
         for text in texts:
-            text.set_text(wanted.choice.said(text.get_text()))
+            text.set_text(wanted.choice.with_new_names(text.get_text()))
         if wanted.width and sheet:
             _scale(drawing, wanted.width * CM, texts)
         elif wanted.width:
@@ -120,8 +120,7 @@ def _narrow(drawing: Drawing, width: float) -> None:
 
     Beside axes that are narrower than in a report there is no room for a legend.
     """
-    legends_or_none = [axes.get_legend() for axes in drawing.axes]
-    legends = [legend for legend in legends_or_none if legend is not None]
+    legends = [legend for legend in (axes.get_legend() for axes in drawing.axes) if legend is not None]
     drawing.set_figwidth(width)
     # The height: room for the title, the axes, their labels, and below these the largest legend.
     renderer = drawing.canvas.get_renderer()  # type: ignore[attr-defined]

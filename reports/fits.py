@@ -47,13 +47,13 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
                     points.append((point["step"], point["seconds"], point["psnr"]))
             if points:
                 published = as_published(row.job)
-                curves.append(FitCurve(row.job["job"], row.label, points, _direct(row.job), published))
+                curves.append(FitCurve(row.job["job"], row.label, points, _share_of_direct(row.job), published))
         if curves:
             by_material[material.name] = curves
     return by_material
 
 
-def _direct(job: Job) -> float:
+def _share_of_direct(job: Job) -> float:
     """The share of a fit's steps before NeuBTF's autoencoder makes the texture; 0 for a fit without such a stage."""
     share = job.get("settings", {}).get("direct", 0)
     return share if isinstance(share, float) and not as_published(job) else 0.0
@@ -80,11 +80,11 @@ def fit_tables(run: Run) -> Iterator[Table]:
         columns.append(Column(f"to {goal} dB", "steps ↓", f"steps to {goal}", 0))
         columns.append(Column(f"to {goal} dB", "s ↓", f"seconds to {goal}", -2))
     for name, curves in curves_by_material(run).items():
-        values = pd.DataFrame([_row(fit) | {"stale": fit.job in stale} for fit in curves])
+        values = pd.DataFrame([_values_of_fit(fit) | {"stale": fit.job in stale} for fit in curves])
         yield written("fits", f"{name}: how soon a fit is good", values, columns, [NOTE], material=name)
 
 
-def _row(fit: FitCurve) -> dict[str, str | float]:
+def _values_of_fit(fit: FitCurve) -> dict[str, str | float]:
     """PSNR, steps and seconds at the end of a fit, then steps and seconds to each goal; NaN for one not reached."""
     steps, seconds, psnr = fit.points[-1]
     row: dict[str, str | float] = {"codec": fit.label, "psnr": psnr, "steps": steps, "seconds": seconds}

@@ -7,8 +7,10 @@ Times of queries are multiples of the floor. The *lead* of a line is by how many
 equal bytes.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from itertools import chain
 from math import isnan, log2, nan
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -27,15 +29,16 @@ from reports.of_rungs import (
     READ,
     Parts,
     common_notes,
+    frame_of_leads,
     in_words,
     interval_cell,
     lead_cell,
     lead_notes,
-    of_leads,
     stale_of,
     unit_of,
-    untimed,
+    untimed_settings,
     why_absent,
+    written_together,
 )
 from reports.rungs import BYTES, EAGER, ENOUGH, FIT, Budget, Rungs, median_over, rungs_of
 from reports.table import Note, Table
@@ -89,14 +92,13 @@ def _front_values(rungs: Rungs) -> pd.DataFrame:
     line that has a value."""
     readings = {kind: rungs.readings(ENOUGH, surfaces) for kind, surfaces in rungs.kinds.items()}
     # A line whose curves all end below this size has dashes for PSNR, but may have a lead at fewer bytes.
-    lines = list(dict.fromkeys([*(line for found in readings.values() for line in found.index), *rungs.hulls]))
+    lines = list(dict.fromkeys([*chain.from_iterable(of_kind.index for of_kind in readings.values()), *rungs.hulls]))
     if not lines:
         return pd.DataFrame()
     values = pd.DataFrame({"codec": lines, "stale": stale_of(rungs, lines)}, index=lines)
-    for kind, found in readings.items():
-        values[kind] = found["value"]
-        values[f"{kind} bound"] = found["bound"]
-    values = values.join(of_leads({line: rungs.lead(line) for line in lines}))
+    for kind, of_kind in readings.items():
+        values[[kind, f"{kind} bound"]] = of_kind[["value", "bound"]]
+    values = values.join(frame_of_leads({line: rungs.lead(line) for line in lines}))
     values["single"] = [line not in rungs.hulls for line in lines]
     values["time"] = rungs.read(ENOUGH.most, EAGER).median(axis=1)
     values["order"] = values["median"].mask(values.index == AGAINST, 0.0)  # which has no lead over itself
@@ -113,39 +115,23 @@ def budgets_tables(run: Run) -> Iterator[Table]:
     groups = list(rungs.kinds.items())
     if len(groups) > 1:  # of a single kind, the table over all would be the same
         groups.append(("", list(rungs.surfaces)))
-    found = [_of_surfaces(rungs, kind, surfaces) for kind, surfaces in groups]
-    made = [parts for parts in found if parts]
-    if made:  # notes common to them stand once, below the last
-        last_notes = made[-1].notes
-        last_notes += [READ, *common_notes(run, rungs)]
-        without_time = untimed(rungs)
-        if without_time:
-            last_notes.append(f"Not timed, so within no time: {'; '.join(without_time)}.")
-    for title, values, columns, notes in made:
-        yield written("budgets", title, values, columns, notes)
+    made = [parts for kind, surfaces in groups if (parts := _budgets_parts(rungs, kind, surfaces))]
+    if made:
+        common = [READ, *common_notes(run, rungs)]
+        untimed = untimed_settings(rungs)
+        if untimed:
+            common.append(f"Not timed, so within no time: {'; '.join(untimed)}.")
+        yield from written_together("budgets", made, common)
 
 
-def _of_surfaces(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | None:
+def _budgets_parts(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | None:
     """The parts of the table over surfaces of a `kind`, "" for all; None without values."""
-    # By budget and line; lines come in the order of the best of each budget, from the smallest on.
     readings = {budget: rungs.readings(budget, surfaces) for budget in rungs.limits}
-    lines = list(dict.fromkeys(line for found in readings.values() for line in found.index))
-    if not lines:
+    values = _budgets_values(rungs, surfaces, readings)
+    if values.empty:
         return None
-    values = pd.DataFrame({"codec": lines, "stale": stale_of(rungs, lines, surfaces)}, index=lines)
-    for budget, found in readings.items():
-        name = in_words(budget)
-        values[name], values[f"{name} bound"] = found["value"], found["bound"]
-        # The test compares rungs, but values at a size are read between rungs. On fewer surfaces it tells nothing.
-        tested = budget.kind != BYTES and len(surfaces) >= FEWEST
-        values[f"{name} apart"] = values.index.isin(list(rungs.told_apart(budget, surfaces)) if tested else [])
-    # The best first at a size that most codecs reach; ties by the sizes next to it, half of it as near as twice.
-    sizes = [budget for budget in readings if budget.kind == BYTES]
-    sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
-    values = values.sort_values([in_words(budget) for budget in sizes], ascending=False, kind="stable")
-
     # The budgets without a mark of the best, for either reason.
-    outdone = _outdone(readings)
+    outdone = _outdone_sizes(readings)
     leader_of = {budget: rungs.absent_leader(budget, surfaces) for budget in readings}
     with_leader = [budget for budget, leader in leader_of.items() if leader]
     shapes = {rungs.shapes[name] for name in surfaces}
@@ -166,16 +152,33 @@ def _of_surfaces(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | No
     return Parts(_budgets_title(kind, surfaces), values, columns, notes)
 
 
-def _outdone(readings: Mapping[Budget, pd.DataFrame]) -> list[Budget]:
+def _budgets_values(rungs: Rungs, surfaces: Sequence[str], readings: Mapping[Budget, pd.DataFrame]) -> pd.DataFrame:
+    """A row a line with its `readings` by budget, and whether each is a bound, or told apart; empty without lines."""
+    # Lines come in the order of the best of each budget, from the smallest on.
+    lines = list(dict.fromkeys(chain.from_iterable(reading.index for reading in readings.values())))
+    values = pd.DataFrame({"codec": lines, "stale": stale_of(rungs, lines, surfaces)}, index=lines)
+    for budget, reading in readings.items():
+        name = in_words(budget)
+        values[[name, f"{name} bound"]] = reading[["value", "bound"]]
+        # The test compares rungs, but values at a size are read between rungs. On fewer surfaces it tells nothing.
+        is_tested = budget.kind != BYTES and len(surfaces) >= FEWEST
+        values[f"{name} apart"] = values.index.isin(list(rungs.told_apart(budget, surfaces)) if is_tested else [])
+    # The best first at a size that most codecs reach; ties by the sizes next to it, half of it as near as twice.
+    sizes = [budget for budget in readings if budget.kind == BYTES]
+    sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
+    return values.sort_values([in_words(budget) for budget in sizes], ascending=False, kind="stable")
+
+
+def _outdone_sizes(readings: Mapping[Budget, pd.DataFrame]) -> list[Budget]:
     """The sizes whose best has fewer dB than that of a smaller size, so that to mark it would mislead.
 
     `readings` are those of `Rungs.readings`; their sizes ascend.
     """
     outdone = []
     best_so_far = 0.0
-    for budget, found in readings.items():
-        if budget.kind == BYTES and len(found):
-            best = found["value"].max()
+    for budget, reading in readings.items():
+        if budget.kind == BYTES and len(reading):
+            best = reading["value"].max()
             if best < best_so_far:
                 outdone.append(budget)
             best_so_far = max(best, best_so_far)
@@ -237,12 +240,12 @@ def _medians_table(rungs: Rungs, notes: Sequence[str]) -> Iterator[Table]:
 
 def _chosen_table(rungs: Rungs, material: str, notes: Sequence[str]) -> Table:
     """The rungs that some budget chooses on a material, a row each."""
-    limits_of: dict[int, list[Budget]] = {}  # by the number of a rung: the budgets that choose it
+    budgets_of: dict[int, list[Budget]] = {}  # by the number of a rung: the budgets that choose it
     for budget in rungs.limits:
         for rung in rungs.picks(budget, [material])[material]:
-            limits_of.setdefault(rung, []).append(budget)
-    values = rungs.frame.loc[list(limits_of)].assign(codec=lambda rung: rung["line"])
-    values["budgets"] = [_span(limits) for limits in limits_of.values()]
+            budgets_of.setdefault(rung, []).append(budget)
+    values = rungs.frame.loc[list(budgets_of)].assign(codec=lambda rung: rung["line"])
+    values["budgets"] = [_span(budgets) for budgets in budgets_of.values()]
     values["stale"] = stale_of(rungs, values["codec"], [material])
     first_seen, _ = pd.factorize(values["codec"])
     values = values.iloc[first_seen.argsort(kind="stable")]  # the rungs of a codec stand together
@@ -261,17 +264,17 @@ def _ladders(rungs: Rungs) -> pd.DataFrame:
     """A row for each line and each ladder that it has: on which surfaces, its rungs, their bits and their seeds."""
     rows = []
     for line, of_line in rungs.frame.groupby("line", sort=False):
-        surfaces_of: dict[tuple[tuple[str, int], ...], list[str]] = {}  # by ladder: its labels with counts of seeds
+        ladder_on: dict[str, tuple[tuple[str, int], ...]] = {}  # by surface: the labels with counts of seeds
         for surface, on_surface in of_line.groupby("material", sort=False):
-            counts = map(len, on_surface["seeds"])
-            ladder = tuple(sorted(zip(on_surface["label"], counts, strict=True)))
-            surfaces_of.setdefault(ladder, []).append(str(surface))
-        for ladder, surfaces in surfaces_of.items():
-            own = of_line[of_line["material"].isin(surfaces)]
-            bits = own.groupby("label")["bits"].median().sort_values()
+            ladder_on[str(surface)] = tuple(
+                sorted(zip(on_surface["label"], map(len, on_surface["seeds"]), strict=True))
+            )
+        for ladder, surfaces in grouped(ladder_on, ladder_on.__getitem__).items():
+            of_ladder = of_line[of_line["material"].isin(surfaces)]
+            bits = of_ladder.groupby("label")["bits"].median().sort_values()
             seeds = dict(ladder)
-            all_of_them = len(surfaces) == len(rungs.surfaces)
-            row = {"codec": line, "surfaces": f"all {len(surfaces)}" if all_of_them else ", ".join(surfaces)}
+            on_all = len(surfaces) == len(rungs.surfaces)
+            row = {"codec": line, "surfaces": f"all {len(surfaces)}" if on_all else ", ".join(surfaces)}
             row |= {"rungs": len(ladder), "bits": ", ".join(significant(size, 2) for size in bits)}
             rows.append(row | {"seeds": ", ".join(str(seeds[label]) for label in bits.index)})
     return pd.DataFrame(rows)
@@ -282,24 +285,20 @@ def _median_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
 
     Budgets at which a line has the same numbers share a row, because mostly the same rungs were chosen.
     """
-    # By line, and by the numbers as they read: the medians, and the budgets that have them.
-    found: dict[str, dict[tuple[float | None, ...], tuple[Row, list[Budget]]]] = {}
+    rows: list[dict[Hashable, Any]] = []  # of each budget and line, with the numbers as they read
     for budget in rungs.limits:
         picks = rungs.picks(budget, list(rungs.surfaces))
         medians = pd.DataFrame({column.field: median_over(rungs.of_picks(picks, column.field)) for column in columns})
-        by_line: Any = medians.to_dict("index")
-        for line, row in by_line.items():
+        for row in medians.assign(codec=medians.index).to_dict("records"):
             values = [(row[column.field], column.digits) for column in columns]
             read = tuple(None if isnan(value) else as_read(value, digits) for value, digits in values)
-            of_line = found.setdefault(line, {})
-            _, limits = of_line.setdefault(read, (row, []))
-            limits.append(budget)
-    for line, of_line in found.items():
-        for row, limits in of_line.values():
-            yield {**row, "codec": line, "budgets": _span(limits)}
+            rows.append({**row, "read": read, "budget": budget})
+    for of_line in grouped(rows, itemgetter("codec")).values():
+        for alike in grouped(of_line, itemgetter("read")).values():
+            yield alike[0] | {"budgets": _span([row["budget"] for row in alike])}
 
 
-def _span(limits: list[Budget]) -> str:
+def _span(limits: Sequence[Budget]) -> str:
     """Budgets in words, those of bytes as one range in bits a texel: "32–128, 8 × eager".
 
     `limits` are in the order of `Rungs.limits`: those of bytes first, and ascending.
@@ -353,7 +352,7 @@ def _answer(question: _Question) -> dict[str, Any]:
     best_first = grouped(number_of, lambda line: as_read(number_of[line], question.metric.digits))
     (value, best), (next_value, then), *_ = [*best_first.items(), (nan, [NONE])]  # there may be no next best
     row: dict[str, Any] = {"question": question.words, "metric": question.metric}
-    return row | {"best": _named(best), "then": _named(then), "value": value, "next": next_value}
+    return row | {"best": _first_lines(best), "then": _first_lines(then), "value": value, "next": next_value}
 
 
 def _with_unit(field: str) -> Callable[[Row], str]:
@@ -368,7 +367,7 @@ def _with_unit(field: str) -> Callable[[Row], str]:
     return write
 
 
-def _named(lines: Sequence[str]) -> str:
+def _first_lines(lines: Sequence[str]) -> str:
     """Up to `_TIED` lines by name, and how many more there are."""
     named = ", ".join(lines[:_TIED])
     more = len(lines) - _TIED
@@ -378,9 +377,11 @@ def _named(lines: Sequence[str]) -> str:
 def _questions(rungs: Rungs) -> Iterator[_Question]:
     """The questions of the table: about each budget, the fewest bytes, each surface, and the other metrics."""
     surfaces = list(rungs.surfaces)
-    psnr, *others = [Column("PSNR", "dB", "psnr", 1), *METRICS[1:]]
+    if not surfaces:
+        return
+    psnr = Column("PSNR", "dB", "psnr", 1)
     enough = in_words(ENOUGH)
-    ranked = {budget: rungs.ranked(budget, surfaces) for budget in rungs.limits} if surfaces else {}
+    ranked = {budget: rungs.ranked(budget, surfaces) for budget in rungs.limits}
     for budget, medians in ranked.items():
         leader = rungs.absent_leader(budget, surfaces, to_end=True)
         yield _Question(f"best quality in {in_words(budget)}", medians, psnr, leader)
@@ -395,7 +396,7 @@ def _questions(rungs: Rungs) -> Iterator[_Question]:
         for material in surfaces:
             yield _Question(f"best on {material} in {enough}", rungs.ranked(ENOUGH, [material]), psnr)
     absent = rungs.absent_leader(ENOUGH, surfaces, to_end=True)
-    for metric in others if surfaces else []:
+    for metric in METRICS[1:]:
         ranking = rungs.ranked(ENOUGH, surfaces, metric.field)
         yield _Question(f"best {metric.name} in {enough}", ranking, metric, absent)
 
@@ -416,7 +417,8 @@ def ranks_table(run: Run) -> Iterator[Table]:
         return
     rows = []
     for line, rank in ranking.mean.items():
-        near = [other for other, its in ranking.mean.items() if other != line and abs(its - rank) < ranking.critical]
+        others = [(other, other_rank) for other, other_rank in ranking.mean.items() if other != line]
+        near = [other for other, other_rank in others if abs(other_rank - rank) < ranking.critical]
         rows.append({"codec": line, "rank": rank, "near": ", ".join(near) or NONE})
     values = pd.DataFrame(rows)
     values["stale"] = stale_of(rungs, values["codec"])

@@ -32,7 +32,7 @@ def front_plots(run: Run) -> Iterator[Front]:
     """The plots of each kind of surface (measured, rendered, …), if a line has a curve on one of that kind."""
     rungs = rungs_of(run)
     for kind, surfaces in rungs.kinds.items():
-        if any(on.keys() & set(surfaces) for on in rungs.hulls.values()):
+        if any(by_surface.keys() & set(surfaces) for by_surface in rungs.hulls.values()):
             yield _front(rungs, kind, surfaces)
 
 
@@ -56,8 +56,8 @@ def _front(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Front:
 def _curves(rungs: Rungs, surfaces: Sequence[str]) -> _Curves:
     """By line with curves, its median PSNR by bits a texel, where it has a value on each surface."""
     medians = pd.DataFrame({bits: median_over(rungs.read(bits)[[*surfaces]]) for bits in _SIZES})
-    found: dict[str, Any] = {line: medians.loc[line].dropna().to_dict() for line in rungs.hulls}
-    return found
+    curves: dict[str, Any] = {line: medians.loc[line].dropna().to_dict() for line in rungs.hulls}
+    return curves
 
 
 def _near(curves: _Curves) -> _Curves:
@@ -72,11 +72,9 @@ def _near(curves: _Curves) -> _Curves:
 
 def _steps(rungs: Rungs, surfaces: Sequence[str], lines: Iterable[str]) -> _Curves:
     """By line, its median PSNR by the time of a budget, where it has a rung within it on each surface."""
-    ranked: dict[float, Any] = {}
-    for budget in rungs.limits:
-        if budget.kind == EAGER:
-            ranked[budget.most] = rungs.ranked(budget, surfaces).to_dict()
-    return {line: {most: found[line] for most, found in ranked.items() if line in found} for line in lines}
+    budgets = [budget for budget in rungs.limits if budget.kind == EAGER]
+    psnr_within: dict[float, Any] = {budget.most: rungs.ranked(budget, surfaces).to_dict() for budget in budgets}
+    return {line: {most: psnr[line] for most, psnr in psnr_within.items() if line in psnr} for line in lines}
 
 
 def _plot(kind: str, title: str, x: dict[str, Any], curves: _Curves, surfaces: Sequence[str]) -> Plot:

@@ -21,7 +21,7 @@ def _sha256(text: str) -> str:
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-def _webp(figure: Figure) -> str:
+def _figure_as_webp(figure: Figure) -> str:
     """A figure as the data URL of a WebP, half as large as its PNG; without loss, except for maps of texels.
 
     Maps of texels, the figures of kind `abrdf`, have many colours, so they would take far more without loss. A figure
@@ -48,4 +48,4 @@ TEMPLATES = Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
-TEMPLATES.filters |= {"sha256": _sha256, "visible": visible, "webp": _webp}
+TEMPLATES.filters |= {"sha256": _sha256, "visible": visible, "webp": _figure_as_webp}

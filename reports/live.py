@@ -9,7 +9,7 @@ data.
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
+from itertools import chain, zip_longest
 from typing import cast
 
 import numpy as np
@@ -62,27 +62,23 @@ def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[
     live_settings: dict[tuple[str, bool, str], str] = {}
     best_first = [sorted(material.shown, key=by_psnr, reverse=True) for material in materials]
     # In turn the best row of each material, then the second of each, …: so each material gets its share of the room.
-    for rows_of_turn in zip_longest(*best_first):
-        for material, row in zip(materials, rows_of_turn, strict=True):
-            if row is None:  # this material has fewer rows than another
-                continue
-            live_of_material = by_material[material.name]
-            codec = str(row.job.get("codec"))
-            # A model of a scene answers for its scene alone: the PSNR of the whole material does not rank it.
-            key = codec, fitted_to_scene(row.job), material.name
-            if key in live_settings:
-                why = f"each codec is live at its highest PSNR alone, {live_settings[key]}"
-                live_of_material.missing[row.label] = f"{why}: `neubtf-bench view` shows the file of this one"
-                continue
-            try:
-                packed = _packed(run, row, min(room, LARGEST))
-            except InputError as error:  # then a worse setting of the codec may still be live
-                live_of_material.missing[row.label] = str(error)
-                continue
-
-            live_of_material.models[row.label] = packed
-            live_settings[key] = row.label
-            room -= len(packed)
+    in_turn = chain.from_iterable(zip_longest(*best_first))
+    for row in filter(None, in_turn):  # None: this material has fewer rows than another
+        name = row.job["material"]
+        # A model of a scene answers for its scene alone: the PSNR of the whole material does not rank it.
+        key = str(row.job.get("codec")), fitted_to_scene(row.job), name
+        if key in live_settings:
+            why = f"each codec is live at its highest PSNR alone, {live_settings[key]}"
+            by_material[name].missing[row.label] = f"{why}: `neubtf-bench view` shows the file of this one"
+            continue
+        try:
+            packed = _packed(run, row, min(room, LARGEST))
+        except InputError as error:  # then a worse setting of the codec may still be live
+            by_material[name].missing[row.label] = str(error)
+            continue
+        by_material[name].models[row.label] = packed
+        live_settings[key] = row.label
+        room -= len(packed)
     return by_material
 
 

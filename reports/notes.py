@@ -8,17 +8,18 @@ not need. A plain text stays below every table.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from statistics import fmean
 
 from bench.metrics import label_of
 from bench.records import (
     MOST_DB,
     PSNR,
+    Job,
     Machine,
     Run,
     RunStart,
     conditions_in_words,
-    deciding_group,
     grouped,
     planned_jobs,
     shown_columns,
@@ -56,7 +57,7 @@ def quality_notes(material: MaterialRows) -> list[str]:
     job = material.first
     if job is None:  # nothing was measured
         return []
-    if deciding_group(job["scores"]) != "heldout":
+    if material.deciding_group != "heldout":
         pairs = "all pairs, none being held out"
     elif "split" in job:  # which held-out pairs they are: "test" or "validation"
         pairs = f"the {job['split']} pairs"
@@ -74,7 +75,7 @@ def quality_notes(material: MaterialRows) -> list[str]:
 def recipe_notes(materials: Iterable[MaterialRows]) -> list[str]:
     """The note on what the label of a codec with recipes means, if there is one with its default."""
     settings = [row.job.get("settings", {}) for material in materials for row in material.measured]
-    if any(each.get("recipe") == "ours" for each in settings):
+    if any(of_job.get("recipe") == "ours" for of_job in settings):
         return [Note(about_quality("Rows without recipe=paper are fitted by our recipe, not by that of a paper."))]
     return []
 
@@ -89,16 +90,17 @@ def cost_notes(material: MaterialRows) -> list[str]:
         (". They may differ by a few between processors.", _BYTES.__contains__),
         around=("", "", ""),
     )
-    shared_notes = []  # on codecs whose files also need the file of a network
-    rows_with_shared = [row for row in material.measured if "shared" in row.job["bytes"]]
-    by_size = grouped(rows_with_shared, lambda row: row.job["bytes"]["shared"])
-    for size, rows in by_size.items():
-        names = ", ".join(dict.fromkeys(row.label for row in rows))
-        # It is not in the total, because all materials share that file.
-        needs = f"the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
-        shared_notes.append(Note((f"{names}: {needs}", _BYTES.__contains__)))
     time_texts = [*_timing(material), *height_notes([material]), *_programs(material)]
-    return [bytes_note, *shared_notes, *map(about_times, time_texts), *_not_comparable(material)]
+    return [bytes_note, *_shared_notes(material), *map(about_times, time_texts), *_not_comparable(material)]
+
+
+def _shared_notes(material: MaterialRows) -> Iterator[Note]:
+    """Notes on codecs whose files also need that of a network, which is not in the total: all materials share it."""
+    with_shared = [row for row in material.measured if "shared" in row.job["bytes"]]
+    for size, rows in grouped(with_shared, lambda row: row.job["bytes"]["shared"]).items():
+        names = ", ".join(dict.fromkeys(row.label for row in rows))
+        needs = f"the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
+        yield Note((f"{names}: {needs}", _BYTES.__contains__))
 
 
 def common_notes(material: MaterialRows) -> list[str]:
@@ -206,23 +208,24 @@ def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
         yield f"{label} with stochastic filtering, one texel a query: {significant(fmean(ratios))} × floor."
 
 
-def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
+def height_notes(materials: Iterable[MaterialRows]) -> Iterator[str]:
     """Notes on the materials for which timed files of a codec store a height; marching it takes most of their time.
 
     Only the codec `relief` does; with its setting `relief` a fit stores a height for each texel only where it pays.
     """
-    found: dict[str, dict[str, dict[str, None]]] = {}  # by label, and by what its files store: the materials, each once
-    for material in materials:
-        for row in material.measured:
-            settings = row.job.get("settings", {})
-            if row.job["codec"] == "relief" and settings.get("relief") and (row.timing or row.fused):
-                # The texture has a channel for each latent number; the height is one more.
-                has_height = row.job["cost"]["texture_channels"] == int(settings["latents"]) + 1
-                what = "a height" if has_height else "no height"
-                found.setdefault(row.label, {}).setdefault(what, {})[material.name] = None
-    for label, materials_of in found.items():
-        words = [f"{what} on {', '.join(materials_of[what])}" for what in sorted(materials_of)]
-        yield f"{label}: its file stores {'; '.join(words)}; rays are marched through a height, which takes time."
+    timed = [row for material in materials for row in material.measured if row.timing or row.fused]
+    with_relief = [row for row in timed if row.job["codec"] == "relief" and row.job.get("settings", {}).get("relief")]
+    for label, rows in grouped(with_relief, lambda row: row.label).items():
+        stored = []
+        for height, of_height in sorted(grouped(rows, _height_in_words).items()):
+            stored.append(f"{height} on {', '.join(dict.fromkeys(row.job['material'] for row in of_height))}")
+        yield f"{label}: its file stores {'; '.join(stored)}; rays are marched through a height, which takes time."
+
+
+def _height_in_words(row: Row) -> str:
+    """Whether a file of `relief` stores a height: its texture has a channel for each latent number, then the height."""
+    has_height = row.job["cost"]["texture_channels"] == int(row.job["settings"]["latents"]) + 1
+    return "a height" if has_height else "no height"
 
 
 def _programs(material: MaterialRows) -> Iterator[str]:
@@ -246,18 +249,18 @@ def _not_comparable(material: MaterialRows) -> Iterator[str]:
 def _older(run: Run) -> Iterator[str]:
     """Footnotes on rows that were fitted or scored by another revision of the code than that of the latest start."""
     latest = run.starts[-1].get("git")
-    older: dict[tuple[str, str], list[str]] = {}  # by the revisions of fit and score: the names of jobs
-    for job in run.jobs:
-        fitted = job.get("fitted", {}).get("git")
-        scored = job.get("scored", {}).get("git")
-        other_revisions = {fitted, scored} - {latest, None}  # None: the record does not say
-        if job["status"] == "ok" and other_revisions:  # a failed job has no numbers to explain
-            older.setdefault((str(fitted), str(scored)), []).append(job["job"])
-    for (fitted, scored), jobs in older.items():
-        listed = ", ".join(jobs[:_LISTED])
-        if len(jobs) > _LISTED:
-            listed += f" and {len(jobs) - _LISTED} more"
-        yield f"Fitted by revision {fitted}, scored by {scored}: {listed}."
+    finished = [job for job in run.jobs if job["status"] == "ok"]  # a failed job has no numbers to explain
+    for revisions, jobs in grouped(finished, _revisions).items():
+        if {*revisions} - {latest, None}:  # None: the record does not say
+            listed = ", ".join(job["job"] for job in jobs[:_LISTED])
+            if len(jobs) > _LISTED:
+                listed += f" and {len(jobs) - _LISTED} more"
+            yield f"Fitted by revision {revisions[0]}, scored by {revisions[1]}: {listed}."
+
+
+def _revisions(job: Job) -> tuple[str | None, str | None]:
+    """The revisions of the code that fitted a job and that scored it."""
+    return job.get("fitted", {}).get("git"), job.get("scored", {}).get("git")
 
 
 def _provenance(start: RunStart) -> str:
@@ -284,7 +287,7 @@ def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
 
     A start lists the jobs that it plans before it fits any: those of a run that was broken off have no record.
     """
-    seeds_of: dict[tuple[str, str], list[int]] = {}  # by material and label
+    seeds_of: dict[tuple[str, str], list[int]] = {}  # by material and label in tables
     planned = dict.fromkeys(job for start in run.starts for job in planned_jobs(start))  # each once
     for job in planned:
         if run.job(job.name) is None and job.seed is not None:
@@ -313,24 +316,19 @@ def missing_note(run: Run) -> str:
 
 def lacking_notes(measured: Sequence[MaterialRows]) -> list[str]:
     """A list of one note on the codecs without means, with the materials that each lacks; empty without such codecs."""
-    measured_on: dict[str, list[str]] = {}  # by label of a model of the whole material: names of materials
+    labels_on: dict[str, list[str]] = {}  # by name of a material: the labels of models of the whole material
     for material in measured:
-        for codec in material.codecs:
-            if codec.measured and not codec.of_scene:
-                measured_on.setdefault(codec.label, []).append(material.name)
-    labels_by_lack: dict[tuple[str, ...], list[str]] = {}  # by the materials that these labels lack
-    for label, names in measured_on.items():
-        lacks = tuple(material.name for material in measured if material.name not in names)
-        if lacks:
-            labels_by_lack.setdefault(lacks, []).append(label)
-    if not labels_by_lack:
+        labels_on[material.name] = [codec.label for codec in material.codecs if codec.measured and not codec.of_scene]
+    labels = dict.fromkeys(chain.from_iterable(labels_on.values()))
+    by_lack = grouped(labels, lambda label: tuple(name for name, present in labels_on.items() if label not in present))
+    words = [f"{', '.join(labels)} (not on {', '.join(lacks)})" for lacks, labels in by_lack.items() if lacks]
+    if not words:
         return []
-    words = "; ".join(f"{', '.join(labels)} (not on {', '.join(lacks)})" for lacks, labels in labels_by_lack.items())
-    return [f"Without means, which would be over fewer materials: {words}. --material NAME chooses."]
+    return [f"Without means, which would be over fewer materials: {'; '.join(words)}. --material NAME chooses."]
 
 
-def beside(run: Run) -> str:
-    """In words, the jobs with which the others of a run must agree to be comparable."""
+def standard_in_words(run: Run) -> str:
+    """The jobs with which the others of a run must agree to be comparable."""
     return "the published ones" if run.published else "the newest"
 
 
@@ -342,37 +340,28 @@ def left_out_notes(run: Run, materials: Iterable[MaterialRows]) -> Iterator[str]
     start of the run is shown all the same, with a star. A row whose numbers are left out is not named for its time,
     too.
     """
-    # Each by reason: the materials and labels.
-    left_out: dict[str, list[tuple[str, str]]] = {}
-    times_left_out: dict[str, list[tuple[str, str]]] = {}
-    with_star: dict[str, list[tuple[str, str]]] = {}
-    for material in materials:
-        for row in material.rows:
-            cell = material.name, row.label
-            if row.obstacle:
-                left_out.setdefault(row.obstacle, []).append(cell)
-            elif row.timed_apart:  # in another start of the run
-                with_star.setdefault(row.timing_obstacle, []).append(cell)
-            elif row.timing_obstacle:
-                times_left_out.setdefault(row.timing_obstacle, []).append(cell)
-    for beginning, cells_by_reason in (
-        (f"Left out, as not comparable with {beside(run)}", left_out),
-        ("Times left out", times_left_out),
-        ("Times with a star", with_star),
+    rows = [row for material in materials for row in material.rows]
+    comparable = [row for row in rows if not row.obstacle]
+    for beginning, rows_by_reason in (
+        (f"Left out, as not comparable with {standard_in_words(run)}", grouped(rows, lambda row: row.obstacle)),
+        ("Times left out", grouped(comparable, lambda row: "" if row.timed_apart else row.timing_obstacle)),
+        ("Times with a star", grouped(comparable, lambda row: row.timing_obstacle if row.timed_apart else "")),
     ):
-        if cells_by_reason:
-            words = "; ".join(f"{_by_codec(cells)} ({why})" for why, cells in cells_by_reason.items())
-            yield f"{beginning}: {words}."
+        words = []
+        for why, of_reason in rows_by_reason.items():
+            if why:
+                words.append(f"{_by_codec((row.job['material'], row.label) for row in of_reason)} ({why})")
+        if words:
+            yield f"{beginning}: {'; '.join(words)}."
 
 
-def _by_codec(cells: list[tuple[str, str]]) -> str:
+def _by_codec(cells: Iterable[tuple[str, str]]) -> str:
     """Cells, each a material and a label, in words: `neubtf, neumip on brick; vq on satin`.
 
     Codecs with the same materials stand together.
     """
-    materials_of: dict[str, dict[str, None]] = {}  # by label, each material once
-    for material, label in cells:
-        materials_of.setdefault(label, {})[material] = None
-    labels_by_materials = grouped(materials_of, lambda label: tuple(sorted(materials_of[label])))
+    cells_of_label = grouped(dict.fromkeys(cells), lambda cell: cell[1])
+    materials_of = {label: sorted(material for material, _ in of_label) for label, of_label in cells_of_label.items()}
+    labels_by_materials = grouped(materials_of, lambda label: tuple(materials_of[label]))
     parts = [f"{', '.join(labels)} on {', '.join(names)}" for names, labels in labels_by_materials.items()]
     return "; ".join(parts)

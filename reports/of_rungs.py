@@ -9,10 +9,11 @@ import pandas as pd
 
 from bench.compare.paired import AGAINST
 from bench.records import MOST_DB, Job, Machine, Run, shown_label
-from reports.notes import beside
+from reports.notes import standard_in_words
 from reports.numbers import NONE, signed
 from reports.rungs import BYTES, EAGER, FIT, LEAST_SURFACES, Budget, Rungs, Summary
-from reports.values import Column, Row
+from reports.table import Table
+from reports.values import Column, Row, written
 
 _NAMED = 5  # rows that a note on excluded records names
 CODEC = Column("codec", "", "codec")
@@ -33,7 +34,13 @@ class Parts(NamedTuple):
     notes: list[str]
 
 
-def of_leads(leads: Mapping[str, Summary | None]) -> pd.DataFrame:
+def written_together(kind: str, parts: Sequence[Parts], common: Sequence[str]) -> Iterator[Table]:
+    """The tables of a kind; the `common` notes, which are on all of them, stand once, below the last."""
+    for number, (title, values, columns, notes) in enumerate(parts, 1):
+        yield written(kind, title, values, columns, [*notes, *common] if number == len(parts) else notes)
+
+
+def frame_of_leads(leads: Mapping[str, Summary | None]) -> pd.DataFrame:
     """The fields of leads, and whether they are told apart, by line; lines without a lead are left out."""
     rows = {line: {**lead._asdict(), "apart": lead.apart} for line, lead in leads.items() if lead}
     return pd.DataFrame.from_dict(rows, orient="index", columns=[*Summary._fields, "apart"])
@@ -78,8 +85,7 @@ def why_absent(leader: str) -> str:
 
 def stale_of(rungs: Rungs, lines: Iterable[str], surfaces: Sequence[str] = ()) -> list[bool]:
     """Of each line whether numbers, on some surfaces or on all, cannot be made again by the installed version."""
-    on = surfaces or rungs.surfaces
-    stale = {line for line, surface in rungs.stale if surface in on}
+    stale = {line for line, surface in rungs.stale if surface in (surfaces or rungs.surfaces)}
     return [line in stale for line in lines]
 
 
@@ -102,37 +108,39 @@ def common_notes(run: Run, rungs: Rungs) -> Iterator[str]:
         yield f"Times: medians, × floor, one bilinear fetch; {machines}."
     excluded = []
     if rungs.without:
-        excluded.append(f"{_by_suite(run, rungs.without)}, without a score of validation pairs")
+        excluded.append(f"{_counts_by_suite(run, rungs.without)}, without a score of validation pairs")
     if rungs.unlike:
         rows = list(dict.fromkeys(f"{job['material']}/{shown_label(job)}" for job in rungs.unlike))
         first_rows = ", ".join(rows[:_NAMED])
         if len(rows) > _NAMED:
             first_rows += ", …"
-        excluded.append(f"{_by_suite(run, rungs.unlike)} ({first_rows}), not comparable with {beside(run)}")
+        excluded.append(
+            f"{_counts_by_suite(run, rungs.unlike)} ({first_rows}), not comparable with {standard_in_words(run)}"
+        )
     if excluded:
         yield f"Left out: {'; '.join(excluded)}."
 
 
-def untimed(rungs: Rungs) -> list[str]:
+def untimed_settings(rungs: Rungs) -> list[str]:
     """The settings without a time of a query, of lines that have times of others."""
     timed = rungs.frame.groupby(["line", "label"], sort=False)[EAGER].count() > 0
-    some = timed.groupby(level="line").transform("any")
-    return timed.index[some & ~timed].get_level_values("label").tolist()
+    line_is_timed = timed.groupby(level="line").transform("any")
+    return timed.index[line_is_timed & ~timed].get_level_values("label").tolist()
 
 
 def _machines(run: Run) -> list[str]:
     """The processors and cores on which times were measured, each once: "AMD EPYC, 8 cores"."""
     timings = run.setting_timings or run.timings  # where settings were timed, budgets use no other times
-    return list(dict.fromkeys(_in_words(run.machine(timing)) for timing in timings))
+    return list(dict.fromkeys(_machine_in_words(run.machine(timing)) for timing in timings))
 
 
-def _in_words(machine: Machine) -> str:
+def _machine_in_words(machine: Machine) -> str:
     """A machine as "AMD EPYC, 8 cores", with what is known of it."""
     processor = str(machine.get("processor") or "an unnamed processor")
     return f"{processor}, {machine['cores']} cores" if "cores" in machine else processor
 
 
-def _by_suite(run: Run, jobs: Sequence[Job]) -> str:
+def _counts_by_suite(run: Run, jobs: Sequence[Job]) -> str:
     """How many jobs are of which suite: "3 of budgets, 1 of no suite"."""
     suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}  # by name of the start
     counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)

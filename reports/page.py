@@ -146,11 +146,9 @@ class Page:
 
     def links(self) -> list[tuple[str, str]]:
         """The table of contents of the page: the target of each link, and its text."""
-        links = [("#summary", "Summary")]
-        links += [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
-        if self.rest:
-            links.append(("#more", "More"))
-        return [*links, ("#records", "Records and provenance")]
+        of_materials = [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
+        more = [("#more", "More")] if self.rest else []
+        return [("#summary", "Summary"), *of_materials, *more, ("#records", "Records and provenance")]
 
     def strips(self) -> list[tuple[int, list[Picture]]]:
         """The materials that open the page with pictures, at most `STRIPS`: the number of each in the order of the
@@ -179,7 +177,7 @@ class Page:
         rows = list(best_rows.values())  # the best first
         leaders, others = rows[:LEADERS], rows[LEADERS:]
         best_own = [row for row in others if is_own(row.label)][:1]  # a list of one row, or of none
-        pictures = [("", f"{material.name}, truth")]
+        pictures: list[Picture] = [("", f"{material.name}, truth")]
         for row in [*leaders, *best_own]:
             psnr = EXACT if row.psnr is None else f"{fixed(row.psnr, 1)} dB"  # None: no slice has an error
             pictures.append((row.label, f"{row.label}: {psnr}, {integer(row.job['bytes']['total'])} bytes"))
@@ -326,10 +324,7 @@ class PageRecords:
         """
         if material:
             return self.places.get((material, label), "")
-        for (_, label_of_place), place in self.places.items():
-            if label_of_place == label:
-                return place
-        return ""
+        return next((place for (_, label_of_place), place in self.places.items() if label_of_place == label), "")
 
 
 def _record(row: Row, without: Set[str]) -> dict[str, Any]:

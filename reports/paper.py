@@ -75,20 +75,17 @@ def paper_tables(
     numbers = numbers[is_available]
     if numbers.empty and not missing:
         return []
-    tables = [_short_table(numbers, missing)]
     full_table = _full_table(numbers, missing) if whole else None
-    if full_table:
-        tables.append(full_table)
-    return tables
+    return [_short_table(numbers, missing), *([full_table] if full_table else [])]
 
 
 def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
     """By metric the paper's numbers, ours and the differences of the means; a column for each of its materials.
 
-    Ours are over the fitted pairs, as means over seeds, of the label by the paper's recipe with the most fitted pairs,
-    then the most steps: on the material itself, or else on the nearest one; of stale ones only without another. Without
-    such a fit they are dashes, and a note says where to get the material; `missing` says where by name of those that
-    could not be had. `numbers` are rows of `_numbers`.
+    Ours are means over seeds, over the fitted pairs, of one fit by the paper's recipe. A fit on the material itself is
+    taken before one on the nearest material, then one that is not stale, then the one with the most fitted pairs, then
+    that with the most steps. Without a fit ours are dashes, and a note says where to get the material; `missing` says
+    so by the name of each that could not be had. `numbers` are rows of `_numbers`.
     """
     fits = numbers[numbers["by_recipe"] & (numbers["status"] == "ok") & (numbers["group"] == "train")]
     fits = fits.assign(fresh=~fits["stale"])
@@ -102,7 +99,7 @@ def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
         below = NONE
         if fit:
             below = fit["material"] + (STALE if fit["stale"] else "")
-        columns.append(Column(OfData(material), OfData(below), material, write=partial(_cell, material)))
+        columns.append(Column(OfData(material), OfData(below), material, write=partial(_cell_of_material, material)))
     values = pd.DataFrame(_short_rows(ours), dtype=object)
     notes = _short_notes(fits_of_psnr, missing)
     stale = {material for material, fit in fits_of_psnr.items() if fit["stale"]}
@@ -119,14 +116,14 @@ def _short_rows(ours: Mapping[tuple[str, str], Mapping[Any, Any]]) -> list[dict[
     rows: list[dict[str, Any]] = []
     for family, (name, unit, digits) in _METRICS.items():
         printed: dict[str, Any] = {"codec": f"{name} {unit[-1]}, print", "digits": digits}
-        own: dict[str, Any] = {"codec": f"{name} {unit[-1]}, ours", "digits": digits}
-        difference = own | {"codec": f"{name}, ours − print", "signed": True}
+        of_fits: dict[str, Any] = {"codec": f"{name} {unit[-1]}, ours", "digits": digits}
+        difference = of_fits | {"codec": f"{name}, ours − print", "signed": True}
         for material, published in PUBLISHED.items():
             printed[material], printed[f"{material} ±"] = published[family]
             fit = ours.get((material, family), {"mean": nan, "std": nan})
-            own[material], own[f"{material} ±"] = fit["mean"], fit["std"]
+            of_fits[material], of_fits[f"{material} ±"] = fit["mean"], fit["std"]
             difference[material] = fit["mean"] - printed[material]
-        rows += [printed, own, difference]
+        rows += [printed, of_fits, difference]
     rows.append({"codec": "LPIPS ↓", **dict.fromkeys(PUBLISHED, "not computed")})
     return rows
 
@@ -143,16 +140,14 @@ def _short_notes(fits: Mapping[str, Mapping[Any, Any]], missing: Mapping[str, st
         if material in fits:
             continue
         candidates = [material, *(name for name, paper in NEAREST.items() if paper == material)]
-        known = [name for name in candidates if name in missing]
-        notes += [f"{NONE}: {name}: {missing[name]}." for name in known]
-        if not known:
-            notes.append(f"{NONE}: {material}: no fit of {METHOD} {RECIPE}.")
+        reasons = [f"{NONE}: {name}: {missing[name]}." for name in candidates if name in missing]
+        notes += reasons or [f"{NONE}: {material}: no fit of {METHOD} {RECIPE}."]
     if len(fits_in_words) < len(PUBLISHED):
         notes.append(_HOW_TO_GET)
     return notes
 
 
-def _cell(material: str, row: Row) -> str:
+def _cell_of_material(material: str, row: Row) -> str:
     """The cell of a material in a row of the short table; each row has its own decimals."""
     signed_row = row["signed"] is True
     beside = f"{material} ±"
@@ -179,8 +174,8 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
     nearest one has none. A note says of either where to get it. The arguments are as for `_short_table`.
     """
     rows = []
-    for _, of_row in numbers.groupby(["material", "label", "status", "fitted", "group"], sort=False):
-        fits = of_row.to_dict("records")
+    for _, of_group in numbers.groupby(["material", "label", "status", "fitted", "group"], sort=False):
+        fits = of_group.to_dict("records")
         if fits[0]["status"] == "ok" or fits[0]["group"] == "all":
             rows.append(_full_row(fits))
     for material in [name for name in missing if name in PUBLISHED]:
@@ -191,8 +186,8 @@ def _full_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table | No
     columns = [Column(name, "", name) for name in ("material", "codec", "seeds", "pairs")]
     for family, (name, unit, digits) in _METRICS.items():
         ours = Column(name, f"{unit} ours", family, digits, beside=f"{family} ±")
-        print_ = f"{family} print"
-        columns += [ours, Column(name, f"{unit} paper", print_, digits, beside=f"{print_} ±", beside_digits=_DIGITS)]
+        field = f"{family} print"
+        columns += [ours, Column(name, f"{unit} paper", field, digits, beside=f"{field} ±", beside_digits=_DIGITS)]
     notes = [*_NOTES, _UNLIKE, *(f"{NONE_YET}: {material}: {where}." for material, where in missing.items())]
     if missing:
         notes.append(_HOW_TO_GET)
@@ -224,7 +219,7 @@ def _printed(material: str) -> dict[str, float]:
     return values
 
 
-def _starts(run: Run, suite: str) -> set[str | None]:
+def _names_of_starts(run: Run, suite: str) -> set[str | None]:
     """The names of the starts of this suite, because a run's folder may have starts of several suites."""
     return {start.get("run") for start in run.starts if start.get("suite") == suite}
 
@@ -233,16 +228,16 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     """What both tables show: a row for each material, label, status, number of fitted pairs, group of pairs and family.
 
     `material` is ours and `paper` the one that it stands for, or is `itself`; `by_recipe` says whether the fit is by
-    the paper's method and recipe. Over the `seeds` are `mean` and `std` the means of the mean and the deviation over
-    slices, and `over_seeds` the deviation of that mean, NaN of a single seed. Without a number `mean` is NaN, and `why`
-    says why: “exact”, “n/a”, a dash if it was not measured, the status, or where to get the material.
+    the paper's method and recipe. `mean` and `std` are the mean and the deviation over slices, both averaged over the
+    `seeds`; `over_seeds` is the deviation of the mean over these, NaN for a single seed. Without a number `mean` is
+    NaN, and `why` says why: “exact”, “n/a”, a dash if it was not measured, the status, or where to get the material.
     """
     # A nearest material counts only in its suite: other suites measure these materials, too.
-    starts = _starts(run, NEAREST_SUITE)
+    starts = _names_of_starts(run, NEAREST_SUITE)
     fits = [fit for material in materials if material.name in PUBLISHED for fit in material.rows]
     nearest = [fit for material in materials if material.name in NEAREST for fit in material.rows]
     fits += [fit for fit in nearest if fit.job.get("run") in starts]
-    rows = [_number(fit, group, family) for fit, group, family in product(fits, _PAIRS, _METRICS)]
+    rows = [_number_of_job(fit, group, family) for fit, group, family in product(fits, _PAIRS, _METRICS)]
     keys = ["material", "paper", "label", "status", "fitted", "group", "family"]
     frame = pd.DataFrame(rows, columns=[*keys, "by_recipe", "stale", "steps", "size", "why", "mean", "std"])
     numbers = (
@@ -261,7 +256,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     return numbers
 
 
-def _number(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
+def _number_of_job(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
     """The row of one job, group and family, before `_numbers` takes the seeds together."""
     job = fit.job
     height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
@@ -303,7 +298,7 @@ def ablation_table(run: Run) -> Table | None:
 
     On each material a row has its PSNR, the gain against the codec as it is, and SSIM, as means over seeds.
     """
-    starts = _starts(run, SUITE)
+    starts = _names_of_starts(run, SUITE)
     jobs = [job for job in run.jobs if job["status"] == "ok" and job.get("run") in starts]
     if not jobs:
         return None
@@ -313,7 +308,9 @@ def ablation_table(run: Run) -> Table | None:
     columns += [Column("decoder", "param.", "parameters", 0), Column("a sample", "FLOP", "flops", 0)]
     for material in materials:
         columns.append(Column(material, "dB ↑", f"{material} psnr", 2, ranked=False))
-        columns.append(Column("against as it is", "dB", f"{material} gain", 2, signed=True, write=_gain(material)))
+        columns.append(
+            Column("against as it is", "dB", f"{material} gain", 2, signed=True, write=_write_gain(material))
+        )
         columns.append(Column(material, "SSIM ↑", f"{material} ssim", 3, ranked=False))
     notes = [
         "dB: mean display PSNR of validation pairs; no test pair is among them.",
@@ -342,15 +339,16 @@ def _ablation_rows(jobs: Sequence[Job], materials: Sequence[str], stale: set[str
         row |= {"parameters": job["parameters"], "flops": job["cost"].get("flops_per_sample", nan)}
         row["stale"] = any(each["job"] in stale for each in of_label)
         for material in materials:
-            psnr = _mean(jobs, material, label, PSNR)
+            psnr = _mean_over_seeds(jobs, material, label, PSNR)
             row[f"{material} psnr"] = psnr
-            row[f"{material} ssim"] = _mean(jobs, material, label, SSIM)
-            is_changed = label != unchanged_label  # the gain of the codec as it is would be 0
-            row[f"{material} gain"] = psnr - _mean(jobs, material, unchanged_label, PSNR) if is_changed else nan
+            row[f"{material} ssim"] = _mean_over_seeds(jobs, material, label, SSIM)
+            row[f"{material} gain"] = nan  # that of the codec as it is would be 0
+            if label != unchanged_label:
+                row[f"{material} gain"] = psnr - _mean_over_seeds(jobs, material, unchanged_label, PSNR)
         yield row
 
 
-def _gain(material: str) -> Callable[[Row], str]:
+def _write_gain(material: str) -> Callable[[Row], str]:
     """A function that writes the gain of a row on a material; "" without one."""
 
     def write(row: Row) -> str:
@@ -361,7 +359,7 @@ def _gain(material: str) -> Callable[[Row], str]:
     return write
 
 
-def _mean(jobs: Iterable[Job], material: str, label: str, family: str) -> float:
+def _mean_over_seeds(jobs: Iterable[Job], material: str, label: str, family: str) -> float:
     """The mean of a metric over slices, then over the seeds of a label on a material; NaN where there is no number."""
     mean = mean_over([job for job in jobs if (job["material"], job["label"]) == (material, label)], family)
     return nan if mean is None else mean

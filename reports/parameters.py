@@ -6,7 +6,6 @@ code.
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from itertools import chain
 from math import nan
 from typing import Any, NamedTuple, cast
 
@@ -64,19 +63,21 @@ def parameters_table(jobs: Iterable[TimedJob], choice: Choice | None = None) -> 
     """
     all_jobs = [*jobs]
     chosen_jobs = [cast(TimedJob, job) for job in choice.of_jobs(all_jobs)] if choice else all_jobs
-    jobs_of_rows = _jobs_of_rows(_finished(chosen_jobs))
-    if not jobs_of_rows:
+    counted = _finished(chosen_jobs)
+    if not counted:
         return None
     stale = stale_jobs(chosen_jobs)
-    values = pd.DataFrame([_row(same_decoder, stale) for same_decoder in jobs_of_rows])
-    counted = list(chain.from_iterable(jobs_of_rows))
+    jobs_of_decoder = grouped(counted, _decoder)
+    # By codec and recipe. Decoders that are equal in both stay in the order of the jobs, because sorting is stable.
+    in_order = sorted(jobs_of_decoder, key=lambda decoder: (decoder.place, decoder.is_our_recipe))
+    values = pd.DataFrame([_values_of_decoder(jobs_of_decoder[decoder], stale) for decoder in in_order])
     gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
 
     columns = [Column("method", "", "method"), Column("codec", "", "codec")]
     for quantity in ("param.", "channels"):
         columns += [Column(quantity, "ours", f"{quantity} ours", 0), Column(quantity, "paper", f"{quantity} paper", 0)]
-        columns.append(Column(quantity, "diff.", f"{quantity} difference", 0, write=_difference(quantity)))
-    notes = _notes(counted, methods={PUBLISHED[job["codec"]].method for job in _finished(all_jobs)})
+        columns.append(Column(quantity, "diff.", f"{quantity} difference", 0, write=_write_difference(quantity)))
+    notes = _notes_on_counts(counted, methods={PUBLISHED[job["codec"]].method for job in _finished(all_jobs)})
     if any(job.get("ns") for job in counted):  # the times stand to the right of the counts
         columns += _time_columns(gpus)
         notes.append(_note_on_times(gpus))
@@ -89,34 +90,28 @@ def _finished(jobs: Iterable[TimedJob]) -> list[TimedJob]:
     return [job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED]
 
 
-def _jobs_of_rows(jobs: Iterable[TimedJob]) -> list[list[TimedJob]]:
-    """For each row, in their order, the jobs with its decoder."""
-    decoders = grouped(jobs, _decoder)
-    # By codec and recipe. Decoders that are equal in both stay in the order of the jobs, because sorting is stable.
-    keys = sorted(decoders, key=lambda key: (key.place, key.is_our_recipe))
-    return [decoders[key] for key in keys]
-
-
-def _row(same_decoder: Sequence[TimedJob], stale: set[str]) -> dict[str, Any]:
+def _values_of_decoder(same_decoder: Sequence[TimedJob], stale: set[str]) -> dict[str, Any]:
     """The values of the row of some jobs with one decoder: the counts, and the times in ns, NaN where none was timed.
 
     The job that names the row has the shortest label, which has the fewest settings.
     """
     job = min(same_decoder, key=lambda job: len(job["label"]))
     paper = _published(job)
-    times = _times(same_decoder)
+    ns: dict[str, float] = {}  # by execution; if several jobs timed one, of the last
+    for each in same_decoder:
+        ns |= each.get("ns", {})
     return {
         "method": paper.method,
         "codec": shown_label(job),
         "ns paper": paper.ns,
-        **_beside("param.", cast(int, job["parameters"]), paper.parameters),
-        **_beside("channels", job["cost"]["texture_channels"], paper.channels),
-        **{name: times.get(name, nan) for name in EXECUTIONS},
+        **_ours_and_published("param.", cast(int, job["parameters"]), paper.parameters),
+        **_ours_and_published("channels", job["cost"]["texture_channels"], paper.channels),
+        **{name: ns.get(name, nan) for name in EXECUTIONS},
         "stale": any(each.get("job") in stale for each in same_decoder),
     }
 
 
-def _notes(counted: Iterable[TimedJob], methods: Collection[str]) -> list[str]:
+def _notes_on_counts(counted: Iterable[TimedJob], methods: Collection[str]) -> list[str]:
     """How the jobs of the table were counted, and which methods are not among the `methods` that were measured."""
     notes = [
         "Ours: counted by torchinfo in what a codec file decodes to. Channels and inputs: docs/metrics.md, “Tables”."
@@ -162,12 +157,12 @@ def _decoder(job: Job) -> _Decoder:
     return _Decoder(place, is_our_recipe, cast(int, job["parameters"]), job["cost"]["texture_channels"])
 
 
-def _beside(quantity: str, ours: int, published: int) -> dict[str, int]:
+def _ours_and_published(quantity: str, ours: int, published: int) -> dict[str, int]:
     """The values of a quantity: our number, the published one, and ours − published."""
     return {f"{quantity} ours": ours, f"{quantity} paper": published, f"{quantity} difference": ours - published}
 
 
-def _difference(quantity: str) -> Callable[[Row], str]:
+def _write_difference(quantity: str) -> Callable[[Row], str]:
     """A function that writes the difference of a quantity with its sign."""
 
     def write(row: Row) -> str:
@@ -176,15 +171,6 @@ def _difference(quantity: str) -> Callable[[Row], str]:
         return f"{difference:+,}" if difference else "0"
 
     return write
-
-
-def _times(same_decoder: Iterable[TimedJob]) -> dict[str, float]:
-    """The ns of a sample by execution, from all jobs with one decoder; if several jobs timed an execution, of the
-    last."""
-    times: dict[str, float] = {}
-    for job in same_decoder:
-        times |= job.get("ns", {})
-    return times
 
 
 def _published(job: Job) -> Published:

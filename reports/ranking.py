@@ -31,9 +31,9 @@ def ranked(materials: Iterable[MaterialRows]) -> list[Standing]:
 
 def with_rank(materials: Iterable[MaterialRows], ranking: Iterable[Standing]) -> dict[str, str]:
     """The name of the codec of each label that has a rank, in the order of the suite."""
-    labels = {standing.label for standing in ranking if standing.rank is not None}
-    every = {codec.label: codec.codec for material in materials for codec in material.codecs}
-    return {label: codec for label, codec in every.items() if label in labels}
+    ranked_labels = {standing.label for standing in ranking if standing.rank is not None}
+    codec_of_label = {codec.label: codec.codec for material in materials for codec in material.codecs}
+    return {label: codec for label, codec in codec_of_label.items() if label in ranked_labels}
 
 
 def against_one(run: Run, materials: Iterable[MaterialRows], codecs: Mapping[str, str], wanted: str = "") -> Against:

@@ -154,16 +154,17 @@ class MaterialRows:
     @cached_property
     def metrics(self) -> dict[str, MetricFacts]:
         """By name: every metric that a comparable row was scored with, as the records describe it (unit, direction)."""
-        facts_by_name = {}
-        for row in self.measured:
-            for name in metrics_of(row.job):
-                facts_by_name[name] = facts_of(row.job, name)
-        return facts_by_name
+        return {name: facts_of(row.job, name) for row in self.measured for name in metrics_of(row.job)}
+
+    @property
+    def deciding_group(self) -> str:
+        """The name in records of the pairs that decide for all comparable rows; "heldout" if nothing was measured."""
+        return self.measured[0].deciding_group if self.measured else "heldout"
 
     @property
     def deciding_in_words(self) -> str:
-        """The pairs that decide: "held-out pairs" or "all pairs". Only of a material with a measured row."""
-        return "held-out pairs" if self.measured[0].deciding_group == "heldout" else "all pairs"
+        """The pairs that decide: "held-out pairs" or "all pairs"."""
+        return "held-out pairs" if self.deciding_group == "heldout" else "all pairs"
 
     @property
     def split_in_words(self) -> str:
@@ -209,12 +210,11 @@ def materials(run: Run) -> list[MaterialRows]:
     without_results = frozenset(map(shown_label, run.jobs)) - set(map(shown_label, finished))
     values_by_job = {values["job"]: values for values in values_of(run)}
     by_material = grouped(run.jobs, lambda job: str(job["material"]))
-    return [
-        MaterialRows(name, [*_rows(run, jobs, values_by_job)], without_results) for name, jobs in by_material.items()
-    ]
+    rows_of = {name: [*_rows_of_material(run, jobs, values_by_job)] for name, jobs in by_material.items()}
+    return [MaterialRows(name, rows, without_results) for name, rows in rows_of.items()]
 
 
-def _rows(run: Run, jobs: list[Job], values_by_job: Mapping[str, Mapping[str, Any]]) -> Iterator[Row]:
+def _rows_of_material(run: Run, jobs: list[Job], values_by_job: Mapping[str, Mapping[str, Any]]) -> Iterator[Row]:
     """The jobs of one material as rows; `values_by_job` has by name of job its values by column of the frame."""
     timing_of = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}  # None for a job without one
     timings = [timing for timing in timing_of.values() if timing]

@@ -38,11 +38,11 @@ SECONDS = (10, 100, 1000)  # of a processor, of a fit
 BYTES, FIT = "bytes", "fit"  # kinds of budgets, beside those of times of a query
 LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
 LEAST_SURFACES = 10  # below which no lead is told apart
-DRAWS = 200  # draws of the seeds of each rung, of those that have several
+DRAWS = 200  # how often seeds are drawn, of rungs that have several
 FOOTPRINTS = ("1", "2", "4", "8")  # texels a side of a pixel, as records name them
 # The budgets of each kind of time, which ascend.
 _OF_TIME: dict[str, tuple[int, ...]] = {EAGER: TIMES, FUSED: TIMES, FIT: SECONDS}
-# The family of metrics of a rung's scores at test pairs, means over slices, by name of their column.
+# The columns of a rung's scores at test pairs, means over slices, and the family of metrics of each.
 _TEST = {"psnr": PSNR, "ssim": SSIM, "flip": FLIP}
 _SCORES = ["validation", *_TEST, *FOOTPRINTS]
 _COSTS = ["total", "resident", EAGER, FUSED, FIT]
@@ -76,7 +76,7 @@ class Hull(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Of each rung, (rungs,), the numbers of its line, of its setting and of its surface; and the names by number."""
+    """Which line, setting and surface each rung is of, as numbers (rungs,); and the names of lines and surfaces."""
 
     line: np.ndarray
     setting: np.ndarray
@@ -115,7 +115,7 @@ class Rungs:
     shapes: dict[str, tuple[int, int]]  # of each material: height and width in texels
     stale: set[tuple[str, str]]  # lines and materials with numbers that the installed versions cannot make again
     without: list[Job]  # without a score of validation pairs
-    unlike: list[Job]  # not comparable with the published ones of their material, or else with the newest
+    unlike: list[Job]  # not comparable with published jobs of their material or, without any, with the newest
 
     @property
     def times(self) -> list[str]:
@@ -143,31 +143,30 @@ class Rungs:
 
     def over_memory(self) -> "Rungs":
         """The same rungs with curves over the bits a texel that a decoder takes in memory; without those not known."""
-        known = self.frame[self.frame["resident"].notna()].reset_index(drop=True)
-        bits = 8 * known["resident"] / (known["height"] * known["width"])
-        return replace(self, frame=known.assign(bits=bits))
+        frame = self.frame[self.frame["resident"].notna()].reset_index(drop=True)
+        bits = 8 * frame["resident"] / (frame["height"] * frame["width"])
+        return replace(self, frame=frame.assign(bits=bits))
 
     @cached_property
     def hulls(self) -> dict[str, dict[str, Hull]]:
         """By line and surface: its curve, where it has rungs enough."""
-        found: dict[str, dict[str, Hull]] = {}
+        hulls: dict[str, dict[str, Hull]] = {}
         sizes = np.log2(self.frame["bits"]).tolist()
         scores = self.frame["validation"].tolist()
         by_curve: dict[Any, Any] = self.frame.groupby(["line", "material"], sort=False).indices
         for (line, surface), rungs in by_curve.items():
             if len(rungs) < LEAST_RUNGS or surface not in self.surfaces:
                 continue
-            own_sizes = [sizes[rung] for rung in rungs]
-            on_hull = upper_hull(own_sizes, [scores[rung] for rung in rungs])
-            picked = [int(rungs[place]) for place in on_hull]
-            hull = Hull([sizes[rung] for rung in picked], picked)
-            largest = max(own_sizes)
+            sizes_of_curve = [sizes[rung] for rung in rungs]
+            places = upper_hull(sizes_of_curve, [scores[rung] for rung in rungs])
+            hull = Hull([sizes_of_curve[place] for place in places], [int(rungs[place]) for place in places])
+            largest = max(sizes_of_curve)
             if largest > hull.sizes[-1]:  # it goes on level
                 hull.sizes.append(largest)
-                hull.rungs.append(picked[-1])
+                hull.rungs.append(hull.rungs[-1])
             if len(hull.sizes) > 1:  # a single point is no curve
-                found.setdefault(line, {})[surface] = hull
-        return found
+                hulls.setdefault(line, {})[surface] = hull
+        return hulls
 
     @cached_property
     def _seeds(self) -> list[list[float]]:
@@ -198,20 +197,20 @@ class Rungs:
         With `to_end`, a curve that ends below the size counts by its end: a smaller file meets a larger limit, too.
         """
         size = float(np.log2(bits))
-        found: dict[str, dict[str, float | None]] = {}
+        values: dict[str, dict[str, float | None]] = {line: {} for line in self.hulls}  # then by surface
         for line, by_surface in self.hulls.items():
-            found[line] = {}
             for surface, hull in by_surface.items():
                 curve = self.curve(hull, score)
                 if curve:
-                    found[line][surface] = at(curve, min(size, hull.sizes[-1]) if to_end else size)
-        return _by_line(found, self.surfaces)
+                    values[line][surface] = at(curve, min(size, hull.sizes[-1]) if to_end else size)
+        return pd.DataFrame([*values.values()], [*values], [*self.surfaces], dtype=float)
 
     def picks(self, budget: Budget, surfaces: Sequence[str]) -> pd.DataFrame:
-        """By line and surface: the number of the best rung by validation pairs that fits the budget.
+        """By line and surface: the number of the best rung by validation pairs that fits the budget, among the settings
+        that were measured on all these surfaces.
 
-        It is of the settings measured on all of the surfaces. Ties go to the smaller file, then to the one that takes
-        less of the budget, then to the first. Lines without such a rung on each surface are left out.
+        Ties go to the smaller file, then to the one that takes less of the budget, then to the first. Lines without
+        such a rung on each surface are left out.
         """
         places = self._places
         cost = self._columns[budget.column]
@@ -228,29 +227,29 @@ class Rungs:
         return pd.DataFrame(table[full], [places.lines[number] for number in full], [*surfaces])
 
     def _of_common_settings(self, surfaces: Sequence[str]) -> np.ndarray:
-        """The mask (rungs,) of those on some surfaces, of the settings that were measured on all of these."""
+        """Of each rung, (rungs,), whether it is on one of these surfaces, and its setting was measured on all."""
         places = self._places
-        on_them = np.isin(places.surface, [places.surfaces.index(name) for name in surfaces])
-        surfaces_of_setting = np.bincount(places.setting[on_them], minlength=len(self.frame))
-        mask: np.ndarray = on_them & (surfaces_of_setting[places.setting] == len(surfaces))
-        return mask
+        is_on_one = np.isin(places.surface, [places.surfaces.index(name) for name in surfaces])
+        surfaces_of_setting = np.bincount(places.setting[is_on_one], minlength=len(self.frame))
+        is_common: np.ndarray = is_on_one & (surfaces_of_setting[places.setting] == len(surfaces))
+        return is_common
 
     def of_picks(self, picks: pd.DataFrame, score: str = "psnr") -> pd.DataFrame:
         """A column of the rungs that `picks` names, by line and surface."""
         return pd.DataFrame(self.frame[score].to_numpy()[picks.to_numpy(int)], picks.index, picks.columns)
 
     def reached(self, budget: Budget, surfaces: Sequence[str], score: str = "psnr") -> pd.DataFrame:
-        """What lines reach within a budget, by line and surface, of those that reach something on each.
+        """What lines reach within a budget, by line and surface; without lines that reach nothing on some surface.
 
         Within a size it is read off curves, up to their ends, so that no step of a ladder decides; within a time, and
         for a line without curves, it is that of the rung that is chosen.
         """
-        found = self.of_picks(self.picks(budget, surfaces), score).dropna()
+        of_rungs = self.of_picks(self.picks(budget, surfaces), score).dropna()
         if budget.kind != BYTES:  # no curve leads from one time to another
-            return found
-        read = self.read(budget.most, score, to_end=True)[[*surfaces]].dropna()
-        lines = found.index.union(read.index, sort=False)
-        return pd.concat([found[~found.index.isin(read.index)], read]).reindex(lines)
+            return of_rungs
+        of_curves = self.read(budget.most, score, to_end=True)[[*surfaces]].dropna()
+        lines = of_rungs.index.union(of_curves.index, sort=False)
+        return pd.concat([of_rungs[~of_rungs.index.isin(of_curves.index)], of_curves]).reindex(lines)
 
     def ranked(self, budget: Budget, surfaces: Sequence[str], score: str = "psnr") -> pd.Series:
         """By line: the median over surfaces of what it reaches within a budget, the best first."""
@@ -259,18 +258,18 @@ class Rungs:
     def readings(self, budget: Budget, surfaces: Sequence[str]) -> pd.DataFrame:
         """By line: `value`, its median PSNR over surfaces at a size, the best first; without lines that don't reach it.
 
-        `bound` is true of a line without a curve on any of them: its value is that of the best rungs within the size,
-        and with a rung of just this size it might have more. Within a time the value is that of the best rungs in time,
-        and `bound` is false.
+        `bound` is true of a line without a curve on any of the surfaces: its value is that of the best rungs within the
+        size, and with a rung of just this size it might have more. Within a time the value is that of the best rungs in
+        time, and `bound` is false.
         """
         of_rungs = median_over(self.of_picks(self.picks(budget, surfaces))).dropna()
-        found = pd.DataFrame({"value": of_rungs, "bound": budget.kind == BYTES})
+        readings = pd.DataFrame({"value": of_rungs, "bound": budget.kind == BYTES})
         if budget.kind == BYTES:
-            curved = [line for line, on in self.hulls.items() if on.keys() & set(surfaces)]
-            read = median_over(self.read(budget.most)[[*surfaces]]).dropna()
-            without = found[~found.index.isin(curved)]
-            found = pd.concat([without, pd.DataFrame({"value": read, "bound": False})])
-        return found.sort_values("value", ascending=False, kind="stable")
+            with_curves = [line for line, by_surface in self.hulls.items() if by_surface.keys() & set(surfaces)]
+            of_curves = median_over(self.read(budget.most)[[*surfaces]]).dropna()
+            bounds = readings[~readings.index.isin(with_curves)]
+            readings = pd.concat([bounds, pd.DataFrame({"value": of_curves, "bound": False})])
+        return readings.sort_values("value", ascending=False, kind="stable")
 
     def absent_leader(self, budget: Budget, surfaces: Sequence[str], to_end: bool = False) -> str:
         """A line whose curves reach a size on some of the surfaces alone, but is ahead of the best of those that have a
@@ -278,14 +277,14 @@ class Rungs:
         """
         if budget.kind != BYTES or not surfaces:
             return ""
-        read = self.read(budget.most, to_end=to_end)[[*surfaces]]
-        rungs = self.of_picks(self.picks(budget, surfaces)).dropna()  # of lines without curves, too
-        whole = pd.concat([read.dropna(), rungs[~rungs.index.isin(read.index)]])
-        if whole.empty:
+        of_curves = self.read(budget.most, to_end=to_end)[[*surfaces]]
+        of_rungs = self.of_picks(self.picks(budget, surfaces)).dropna()  # of lines without curves, too
+        on_all = pd.concat([of_curves.dropna(), of_rungs[~of_rungs.index.isin(of_curves.index)]])
+        if on_all.empty:
             return ""
-        best = whole.loc[str(median_over(whole).idxmax())]
-        for line in read.index.difference(whole.index, sort=False):
-            gaps = (read.loc[str(line)] - best).dropna().to_numpy(float)
+        best = on_all.loc[str(median_over(on_all).idxmax())]
+        for line in of_curves.index.difference(on_all.index, sort=False):
+            gaps = (of_curves.loc[str(line)] - best).dropna().to_numpy(float)
             if len(gaps) and np.median(gaps) > 0:
                 return str(line)
         return ""
@@ -307,8 +306,8 @@ class Rungs:
         if line == AGAINST:
             return None
         gaps = self._gaps_of_draws[line] if line in self.hulls else self._gaps_of_rungs(line)
-        on = {surface: of_draws for surface, of_draws in gaps.items() if not surfaces or surface in surfaces}
-        return summarised(on) if on else None
+        chosen = {surface: of_draws for surface, of_draws in gaps.items() if not surfaces or surface in surfaces}
+        return summarised(chosen) if chosen else None
 
     @cached_property
     def _gaps_of_draws(self) -> dict[str, dict[str, list[float]]]:
@@ -318,37 +317,37 @@ class Rungs:
     def _drawn_gaps(self, line: str) -> dict[str, list[float]]:
         """By surface where a line and `AGAINST` have curves that share bytes: the BD-PSNR between them, then the same
         for `DRAWS` draws of the seeds of both."""
-        found: dict[str, list[float]] = {}
+        gaps: dict[str, list[float]] = {}
         rng = np.random.default_rng(0)
-        hulls, others = self.hulls[line], self.hulls.get(AGAINST, {})
-        for surface in sorted(hulls.keys() & others.keys()):
-            ours, theirs = hulls[surface], others[surface]
+        our_hulls, their_hulls = self.hulls[line], self.hulls.get(AGAINST, {})
+        for surface in sorted(our_hulls.keys() & their_hulls.keys()):
+            ours, theirs = our_hulls[surface], their_hulls[surface]
             our_curve, their_curve = self.curve(ours), self.curve(theirs)
             gap = bd_psnr(our_curve, their_curve) if our_curve and their_curve else None
             if gap is None:
                 continue
-            found[surface] = [gap] * (1 + DRAWS)  # with one seed there is nothing to draw
             seeds = [self._seeds[rung] for hull in (ours, theirs) for rung in hull.once]
-            if any(len(own) > 1 for own in seeds):
-                found[surface][1:] = (_drawn(seeds, rng) @ _weights(ours, theirs)).tolist()
-        return found
+            of_draws = [gap] * DRAWS  # with one seed there is nothing to draw
+            if any(len(of_rung) > 1 for of_rung in seeds):
+                of_draws = (_drawn(seeds, rng) @ _weights(ours, theirs)).tolist()
+            gaps[surface] = [gap, *of_draws]
+        return gaps
 
     def _gaps_of_rungs(self, line: str) -> dict[str, list[float]]:
         """As `_drawn_gaps`, of a line without curves: the mean gap of its rungs to the curve of `AGAINST`."""
-        found: dict[str, list[float]] = {}
+        gaps: dict[str, list[float]] = {}
         rungs = self.frame[self.frame["line"] == line]
-        sizes = np.log2(rungs["bits"])
         for surface, hull in sorted(self.hulls.get(AGAINST, {}).items()):
             curve = self.curve(hull)
-            own = rungs["material"] == surface
-            gaps = []
-            for size, psnr in zip(sizes[own].tolist(), rungs.loc[own, "psnr"].tolist(), strict=True):
+            on_surface = rungs[rungs["material"] == surface]
+            gaps_of_rungs = []
+            for size, psnr in zip(np.log2(on_surface["bits"]).tolist(), on_surface["psnr"].tolist(), strict=True):
                 theirs = at(curve, size) if curve else None
                 if theirs is not None and not np.isnan(psnr):
-                    gaps.append(psnr - theirs)
-            if gaps:
-                found[surface] = [fmean(gaps)] * (1 + DRAWS)
-        return found
+                    gaps_of_rungs.append(psnr - theirs)
+            if gaps_of_rungs:
+                gaps[surface] = [fmean(gaps_of_rungs)] * (1 + DRAWS)
+        return gaps
 
 
 def summarised(gaps: Mapping[str, Sequence[float]]) -> Summary:
@@ -361,14 +360,14 @@ def summarised(gaps: Mapping[str, Sequence[float]]) -> Summary:
 
 
 def _drawn(seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> np.ndarray:
-    """Means over seeds that are drawn with replacement, (`DRAWS`, rungs), given those of each rung."""
-    counts = np.array([len(own) for own in seeds])
-    several = counts[counts > 1]  # of one seed nothing is drawn
-    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))  # of seeds of their rung
-    starts = np.cumsum([0, *several[:-1]])  # the place of the first seed of each such rung among all their seeds
+    """The mean of each rung over drawn seeds, (`DRAWS`, rungs): as many as it has, drawn with replacement."""
+    counts = np.array([len(of_rung) for of_rung in seeds])
+    several = counts[counts > 1]  # a rung with one seed has nothing to draw
+    numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))  # of drawn seeds within their rung
+    starts = np.cumsum([0, *several[:-1]])  # where the seeds of each such rung begin among the seeds of all these rungs
     places = np.repeat(starts, several) + numbers
-    values = np.concatenate([own for own in seeds if len(own) > 1])[places]
-    means = np.tile([own[0] for own in seeds], (DRAWS, 1))
+    values = np.concatenate([of_rung for of_rung in seeds if len(of_rung) > 1])[places]
+    means = np.tile([of_rung[0] for of_rung in seeds], (DRAWS, 1))
     means[:, counts > 1] = np.add.reduceat(values, starts, axis=1) / several
     return means
 
@@ -386,11 +385,6 @@ def _weights(ours: Hull, theirs: Hull) -> np.ndarray:
 def _one_at(hull: Hull, rung: int | None = None) -> Curve:
     """The curve of a hull with the value 1 at a rung, and 0 at all others; without a rung 0 at all."""
     return Curve(hull.sizes, [float(each == rung) for each in hull.rungs])
-
-
-def _by_line(found: Mapping[str, Mapping[str, float | None]], surfaces: Iterable[str]) -> pd.DataFrame:
-    """Values by line and surface as a table, which has a row for a line without any, too."""
-    return pd.DataFrame([*found.values()], [*found], [*surfaces], dtype=float)
 
 
 def median_over(table: pd.DataFrame) -> pd.Series:
@@ -414,12 +408,9 @@ def rungs_of(run: Run) -> Rungs:
     values = _values_of_jobs(comparable, [scored[name] for name in comparable["job"]])
     rungs = _means_over_seeds(values)
     within = _materials_within_budgets(rungs)
-    surfaces: dict[str, str] = {}
-    shapes = {}
-    for row in values.to_dict("records"):  # of each material, its last job counts
-        shapes[row["material"]] = int(row["height"]), int(row["width"])
-        if row["material"] in within:
-            surfaces[row["material"]] = row["surface"]
+    rows = values.to_dict("records")  # of each material, its last job counts
+    shapes = {row["material"]: (int(row["height"]), int(row["width"])) for row in rows}
+    surfaces = {row["material"]: row["surface"] for row in rows if row["material"] in within}
     of_stale = values[values["stale"] != ""]
     stale = {*zip(of_stale["line"], of_stale["material"], strict=True)}
     return Rungs(rungs, surfaces, shapes, stale, without, unlike)

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from bench.records import Run, counted
-from reports.artefacts import Arrays, of_shown
+from reports.artefacts import of_shown
 from reports.atlas import webp
 from reports.numbers import EXACT, fixed, integer
 from reports.rows import MaterialRows, Row
@@ -27,19 +27,17 @@ def scene_strips(run: Run, material: MaterialRows) -> Iterator[list[tuple[str, s
 
     The truth comes first, then the models in the order of `_labels_of_models`. Reads the run's files of frames.
     """
-    stored: dict[str, tuple[Row, Arrays]] = {}  # by label
-    for row, frames in of_shown(run, material, "frames", ("truth", "decoded")):
-        stored[row.label] = row, frames
+    stored = {row.label: (row, frames) for row, frames in of_shown(run, material, "frames", ("truth", "decoded"))}
     models = [stored[label] for label in _labels_of_models(material) if label in stored]
     if not models:
         return
     _, first_frames = models[0]
     truth = first_frames["truth"]  # (n, H, W, 3), the same for all
     # Others have no picture at each place of the truth's.
-    models = [(row, frames) for row, frames in models if frames["decoded"].shape == truth.shape]
+    with_all_frames = [(row, frames) for row, frames in models if frames["decoded"].shape == truth.shape]
     for number, picture in enumerate(truth):
         pictures = [("the reference table", _webp(picture))]
-        for row, frames in models:
+        for row, frames in with_all_frames:
             pictures.append((_caption(row), _webp(frames["decoded"][number])))
         yield pictures
 
@@ -53,14 +51,14 @@ def _labels_of_models(material: MaterialRows) -> list[str]:
     first_pairs: dict[str, tuple[Row, Row]] = {}
     for whole, scene in in_pairs(material):
         first_pairs.setdefault(scene.label, (whole, scene))
-    pairs = sorted(first_pairs.values(), key=lambda pair: _quality(pair[1]), reverse=True)
+    pairs = sorted(first_pairs.values(), key=lambda pair: _frames_quality(pair[1]), reverse=True)
     if pairs:
         return [row.label for pair in pairs[:PAIRS] for row in pair]
-    best_first = sorted(material.shown, key=_quality, reverse=True)
+    best_first = sorted(material.shown, key=_frames_quality, reverse=True)
     return [row.label for row in best_first[:WHOLE]]
 
 
-def _quality(row: Row) -> float:
+def _frames_quality(row: Row) -> float:
     """The PSNR of a row's frames in dB, to sort by."""
     return counted(frames_psnr(row.job))
 

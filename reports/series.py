@@ -63,22 +63,20 @@ def plots_of(run: Run) -> list[Plot]:
     measured = [material for material in materials(run) if material.measured]
     of_materials: list[Plot] = []
     for material in measured:
-        of_materials += _of_material(run, material, curves.get(material.name, []))
+        of_materials += _plots_of_material(run, material, curves.get(material.name, []))
     of_means = []
     if len(measured) > 1:
-        of_means = [_of_means(kind, of_materials, len(measured)) for kind in _MEANS]
+        of_means = [_plot_of_means(kind, of_materials, len(measured)) for kind in _MEANS]
     return [plot for plot in (*of_means, *of_materials) if plot["series"]]
 
 
-def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -> Iterator[Plot]:
+def _plots_of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -> Iterator[Plot]:
     """A plot of each kind, some without points. They show scores of the whole material, so models of a scene stand in
     none. `curves` are the curves of the material's fits."""
     whole = [codec for codec in material.codecs if not codec.of_scene]
-    in_crowded_plots = whole
-    remark = ""  # in the titles of crowded plots
-    if len(whole) > MOST_LINES:
-        in_crowded_plots = _at_their_best(whole)
-        remark = ", each codec at its best setting"
+    is_crowded = len(whole) > MOST_LINES
+    in_crowded_plots = _at_their_best(whole) if is_crowded else whole
+    remark = ", each codec at its best setting" if is_crowded else ""  # in the titles of crowded plots
 
     def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series, note: str = "") -> Plot:
         """A plot as JSON can hold it; `x` is its axis, and `y` only the label of the other axis."""
@@ -101,7 +99,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
     size = {"label": "bytes of the file", "log": True, "unit": "B", "less": True}
     yield plot("rate", "Rate and distortion", size, quality, _points(whole, lambda row: [row.job["bytes"]["total"]]))
     time = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns", "less": True}
-    yield plot("speed", "Speed and accuracy", time, quality, _points(whole, _time))
+    yield plot("speed", "Speed and accuracy", time, quality, _points(whole, _time_of_query))
     fit = {"label": "seconds of the fit", "log": True, "unit": "s", "less": True}
     yield plot("cost", "Fit and accuracy", fit, quality, _points(whole, _fit_seconds))
 
@@ -112,13 +110,10 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
     yield plot("fits", f"Quality over seconds{remark}", fit, quality_in_fit, _fit_lines(drawn), stages_note(drawn))
 
     # Quality over footprints. A plot of single points would show no change of quality, so it is left without points.
-    footprint_points = {codec.label: _footprints(codec) for codec in in_crowded_plots}
-    sides: set[float] = set()  # of all footprints, in texels
-    for points in footprint_points.values():
-        sides.update(side for side, _ in points)
-    footprint = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": sorted(sides)}
-    has_lines = any(len(points) > 1 for points in footprint_points.values())
-    lines = _lines(footprint_points) if has_lines else []
+    by_footprint = {codec.label: _psnr_by_footprint(codec) for codec in in_crowded_plots}
+    sides = sorted({side for points in by_footprint.values() for side, _ in points})  # in texels
+    footprint = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": sides}
+    lines = _lines(by_footprint) if any(len(points) > 1 for points in by_footprint.values()) else []
     yield plot("footprints", f"Level of detail{remark}", footprint, quality, lines)
 
     # The spread of slices, a row a codec: the y axis has no label.
@@ -149,7 +144,7 @@ def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
     return [max(settings, key=quality) for settings in settings_of_lines.values()]
 
 
-def _time(row: Row) -> list[float] | None:
+def _time_of_query(row: Row) -> list[float] | None:
     """[median, low, high]: the ns of a sample and the ends of their 95 % interval. None if it was not timed, or under
     other conditions than the other rows; a time of another start under the same conditions is shown."""
     if not row.timing or (row.timing_obstacle and not row.timed_apart):
@@ -165,11 +160,8 @@ def _fit_seconds(row: Row) -> list[float] | None:
 
 def _fit_lines(fits: Sequence[FitCurve]) -> Series:
     """An entry with a line for each fit, its points [seconds, PSNR in dB]."""
-    points_by_label = {}
-    for fit in fits:
-        # The axis is logarithmic, so it has no place for 0 seconds.
-        points_by_label[fit.label] = [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0]
-    return _lines(points_by_label)
+    # The axis is logarithmic, so it has no place for 0 seconds.
+    return _lines({fit.label: [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0] for fit in fits})
 
 
 def _spreads(run: Run, codecs: Sequence[CodecRows]) -> Series:
@@ -213,15 +205,14 @@ def _points(codecs: Sequence[CodecRows], of_row: Callable[[Row], list[float] | N
     return series
 
 
-def _footprints(codec: CodecRows) -> list[list[float]]:
+def _psnr_by_footprint(codec: CodecRows) -> list[list[float]]:
     """[side in texels, mean display PSNR of slices in dB] for each footprint, a mean over seeds.
 
     A footprint is left out if a seed has no number for it, because it was not measured or has no error.
     """
     stats_of_seeds = [row.job.get("footprints", {}) for row in codec.measured]  # of each seed, by side as text
-    sides: set[int] = set()
-    for stats in stats_of_seeds:
-        sides.update(int(side) for side in stats if side.isdecimal())  # a record may hold any text as a side
+    # A record may hold any text as a side.
+    sides = {int(side) for stats in stats_of_seeds for side in stats if side.isdecimal()}
     points = []
     for side in sorted(sides - {0}):  # the axis is logarithmic, so it has no place for 0
         means = [stats.get(str(side), {}).get("mean") for stats in stats_of_seeds]
@@ -231,7 +222,7 @@ def _footprints(codec: CodecRows) -> list[list[float]]:
     return points
 
 
-def _of_means(kind: str, of_materials: Sequence[Plot], count: int) -> Plot:
+def _plot_of_means(kind: str, of_materials: Sequence[Plot], count: int) -> Plot:
     """The plot of one kind over all materials, from those of each: a point a codec, the mean of its points.
 
     `count` is the number of materials. A codec without a point on one of them is among the `missing` ones, because its
@@ -247,10 +238,8 @@ def _of_means(kind: str, of_materials: Sequence[Plot], count: int) -> Plot:
             mean_point = [fmean(numbers) for numbers in zip(*points, strict=True)]
             series.append(entries[0] | {"points": [mean_point]})
     labels_with_points = {entry["label"] for entry in series}
-    labels = list(entries_by_label)
-    for plot in plots:
-        labels += plot["missing"]
-    missing = [label for label in dict.fromkeys(labels) if label not in labels_with_points]
+    labels = dict.fromkeys(chain(entries_by_label, *(plot["missing"] for plot in plots)))
+    missing = [label for label in labels if label not in labels_with_points]
     title = f"{plots[0]['title']}, means over {count} materials"
     return plots[0] | {"material": "", "title": title, "series": series, "missing": missing}
 

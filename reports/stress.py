@@ -22,10 +22,10 @@ FOLD = 36  # columns of a terminal for the name of an extreme
 
 def stress_tables(run: Run) -> list[Table]:
     """The tables of what was tried for a run."""
-    return tables(_tried(run))
+    return tables(_records_for(run))
 
 
-def _tried(run: Run) -> list[Stress]:
+def _records_for(run: Run) -> list[Stress]:
     """A run's own stress records or, if it has none, some of the stress test in the folder beside the run.
 
     Those are the records of the codecs that the run measured, in the same version: others are of other code.
@@ -36,13 +36,9 @@ def _tried(run: Run) -> list[Stress]:
     is_this_run = folder.resolve() == run.folder.resolve()  # which has no records, see above
     if is_this_run or not (folder / FILE).is_file():
         return []
-    codec_versions = set()  # the name and the version of each codec that the run measured
-    for job in run.jobs:
-        if job["status"] == "ok":
-            fit_key = job.get("fit_key") or {}
-            codec_versions.add((job["codec"], fit_key.get("version")))
-    records = load_run(folder).stress
-    return [record for record in records if (record["subject"], record.get("version")) in codec_versions]
+    finished = [job for job in run.jobs if job["status"] == "ok"]
+    measured = {(job["codec"], (job.get("fit_key") or {}).get("version")) for job in finished}
+    return [record for record in load_run(folder).stress if (record["subject"], record.get("version")) in measured]
 
 
 def tables(records: Iterable[Stress]) -> list[Table]:
@@ -61,7 +57,7 @@ def tables(records: Iterable[Stress]) -> list[Table]:
 def summary(run: Run) -> str:
     """One line that counts the verdicts of the tables; "" if nothing was tried."""
     # A codec or metric and an extreme that were tried again count once, as last tried.
-    verdicts = {(record["subject"], record["extreme"]): record["verdict"] for record in _tried(run)}
+    verdicts = {(record["subject"], record["extreme"]): record["verdict"] for record in _records_for(run)}
     if not verdicts:
         return ""
     count = Counter(verdicts.values())

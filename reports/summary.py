@@ -6,7 +6,7 @@ on all materials has a rank; a model of a scene has none. The codecs are *set ag
 the mean over slices of its PSNR minus that row's, in dB.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from math import inf, nan
@@ -57,8 +57,6 @@ def summary_table(
     if len(ranking) < 2:
         return None
     codecs = with_rank(materials, ranking)
-    to_one = against_one(run, materials, codecs, against) if intervals else None
-
     measures, on_materials = _on_materials(measured)
     means = [
         Column("mean rank", "↓", "mean rank"),
@@ -77,37 +75,35 @@ def summary_table(
     ]
     rows = []
     for standing in ranking:
-        row = _row(standing, on_materials[standing.label], measures)
+        row = _means_of_codec(standing, on_materials[standing.label], measures)
         if standing.rank is None:
             row |= {column.field: nan for column in means}
-        if not stale:
-            row["stale"] = False
-        rows.append(row)
+        rows.append(row if stale else row | {"stale": False})
+    values = pd.DataFrame(rows, dtype=object)
+    names = [material.name for material in measured]
     notes_on_differences: list[Note] = []
     # To the right, the differences to one row; they are never marked.
-    if to_one:
-        labels = [standing.label for standing in ranking]
-        names = [material.name for material in measured]
-        differences = _differences(to_one, labels, names, codecs, against)
+    if intervals:
+        to_one = against_one(run, materials, codecs, against)
+        differences = _differences(to_one, values["codec"], names, codecs, against)
         columns += differences.columns
-        rows = [row | values for row, values in zip(rows, differences.rows, strict=True)]
+        values = values.join(pd.DataFrame(differences.rows, dtype=object))
         notes_on_differences = differences.notes
-    notes = _notes(run, materials, measured, notes_on_differences)
-    materials_in_words = ", ".join(material.name for material in measured)
-    title = f"Summary over {len(measured)} material{'s' if len(measured) > 1 else ''}: {materials_in_words}"
-    return written("summary", title, pd.DataFrame(rows, dtype=object), columns, notes)
+    notes = _all_notes(run, materials, measured, notes_on_differences)
+    title = f"Summary over {len(names)} material{'s' if len(names) > 1 else ''}: {', '.join(names)}"
+    return written("summary", title, values, columns, notes)
 
 
 class _OnMaterial(NamedTuple):
     """The values of a codec on one material, over its seeds."""
 
-    stale: bool  # see `reports.by_material.rows_of`, as of the next
+    stale: bool  # this and `timed_apart`: see `reports.by_material.rows_of`
     timed_apart: bool
     stated: dict[str, float]  # by name of a column; infinite if no slice has an error
     counted: dict[str, float]  # the same, but such a slice counts as a number, such as 48.13 dB
 
 
-def _row(standing: Standing, on_each: Sequence[_OnMaterial], measures: Sequence[Measure]) -> dict[str, Any]:
+def _means_of_codec(standing: Standing, on_each: Sequence[_OnMaterial], measures: Sequence[Measure]) -> dict[str, Any]:
     """The values of a codec by column, as means over its materials."""
     return {
         "codec": standing.label,
@@ -117,11 +113,11 @@ def _row(standing: Standing, on_each: Sequence[_OnMaterial], measures: Sequence[
         "mean rank": standing.rank,
         "won": standing.wins,
         "PSNR": standing.psnr,
-        **{measure.name: _mean(measure.name, on_each) for measure in measures},
+        **{measure.name: _mean_over_materials(measure.name, on_each) for measure in measures},
     }
 
 
-def _notes(
+def _all_notes(
     run: Run, materials: Sequence[MaterialRows], measured: Sequence[MaterialRows], on_differences: Sequence[Note]
 ) -> list[str]:
     """The notes: on what the rows are means of, on special materials and codecs, on times, and on what is left out."""
@@ -142,27 +138,27 @@ def _notes(
 def _on_materials(measured: Sequence[MaterialRows]) -> tuple[list[Measure], dict[str, list[_OnMaterial]]]:
     """The columns after that of PSNR; and by label of a codec its values on each of its materials."""
     measures: dict[str, Measure] = {}  # by name: two variants of a metric are one column
-    found: dict[str, list[_OnMaterial]] = {}
+    of_codecs: dict[str, list[_OnMaterial]] = {}
     for material in measured:
-        own = in_summary(material)
-        measures |= {measure.name: measure for measure in own}
+        of_material = in_summary(material)
+        measures |= {measure.name: measure for measure in of_material}
         codecs = [codec for codec in material.codecs if codec.measured]
-        as_stated = rows_of(codecs, own)
-        as_counted = rows_of(codecs, [measure._replace(stated=False) for measure in own])
+        as_stated = rows_of(codecs, of_material)
+        as_counted = rows_of(codecs, [measure._replace(stated=False) for measure in of_material])
         for values, numbers in zip(as_stated, as_counted, strict=True):
-            stated = {measure.name: values[measure.field] for measure in own}
-            counted = {measure.name: numbers[measure.field] for measure in own}
-            on = _OnMaterial(values["stale"], values["timed apart"], stated, counted)
-            found.setdefault(values["codec"], []).append(on)
-    all_found = list(chain.from_iterable(found.values()))
+            stated = {measure.name: values[measure.field] for measure in of_material}
+            counted = {measure.name: numbers[measure.field] for measure in of_material}
+            on_material = _OnMaterial(values["stale"], values["timed apart"], stated, counted)
+            of_codecs.setdefault(values["codec"], []).append(on_material)
+    stated_values = [on_material.stated for on_material in chain.from_iterable(of_codecs.values())]
     shown = []
     for measure in sorted(measures.values(), key=lambda measure: not measure.stated):  # metrics before costs
-        if not measure.sparse or any(pd.notna(on.stated.get(measure.name)) for on in all_found):
+        if not measure.sparse or any(pd.notna(stated.get(measure.name)) for stated in stated_values):
             shown.append(measure)
-    return shown, found
+    return shown, of_codecs
 
 
-def _mean(name: str, on_each: Sequence[_OnMaterial]) -> float:
+def _mean_over_materials(name: str, on_each: Sequence[_OnMaterial]) -> float:
     """The mean of a column over materials; infinite if each value is, NaN if a material has no number."""
     if all(on.stated.get(name) == inf for on in on_each):
         return inf
@@ -178,7 +174,7 @@ class _Differences(NamedTuple):
 
 
 def _differences(
-    against: "Against", labels: Sequence[str], materials: Sequence[str], codecs: Mapping[str, str], wanted: str
+    against: "Against", labels: Iterable[str], materials: Sequence[str], codecs: Mapping[str, str], wanted: str
 ) -> _Differences:
     """The paired differences of PSNR of the rows with these labels to one row: `wanted`, "" for the usual one.
 
@@ -203,22 +199,22 @@ def _differences(
     for label in labels:
         row: dict[str, Any] = {}
         for field, differences in of_columns.items():
-            found = differences.get(label)
-            row[field] = found.mean if found else nan
-            row[_INTERVAL.format(field)] = found
+            difference = differences.get(label)
+            row[field] = difference.mean if difference else nan
+            row[_INTERVAL.format(field)] = difference
         row["told apart"] = label in against.over and against.over[label].apart
         rows.append(row)
     notes = []
     if against.over:
-        text = _paired(against, several and not wanted, column_for_each)
+        text = _text_on_differences(against, several and not wanted, column_for_each)
         notes.append(Note((text, _is_difference)))
     return _Differences(columns, rows, notes)
 
 
 def _with_interval(field: str, row: Row) -> str:
     """The cell of a difference with its interval."""
-    found: Interval | None = row[_INTERVAL.format(field)]
-    return interval(found) if found else NONE
+    difference: Interval | None = row[_INTERVAL.format(field)]
+    return interval(difference) if difference else NONE
 
 
 def _is_difference(name: str) -> bool:
@@ -226,7 +222,7 @@ def _is_difference(name: str) -> bool:
     return name == "against" or name.startswith("on ")
 
 
-def _paired(against: "Against", first_of_several: bool, column_for_each: bool) -> str:
+def _text_on_differences(against: "Against", first_of_several: bool, column_for_each: bool) -> str:
     """A note on the differences: to which row, what their intervals cover, and how many codecs are told apart.
 
     `against` has at least one difference. `first_of_several`: the row was picked by default, as the first of several

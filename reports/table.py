@@ -59,10 +59,7 @@ class Note(str):
 
     def of(self, names: Sequence[str]) -> "Note":
         """The note without the parts that are about none of the columns of these names."""
-        parts = []
-        for text, is_about in self.parts:
-            if any(is_about(name) for name in names):
-                parts.append((text, is_about))
+        parts = [(text, is_about) for text, is_about in self.parts if any(map(is_about, names))]
         return Note(*parts, around=self.around)
 
 
@@ -131,12 +128,8 @@ class Table:
             common = [word for word in common if word in label.split()]
         if not common:
             return self
-        short = {}
-        for label in labels:
-            short[label] = " ".join(word for word in label.split() if word not in common)
-        rows = [list(row) for row in self.rows]
-        for row in rows:
-            row[column] = short[row[column]]
+        short = {label: " ".join(word for word in label.split() if word not in common) for label in labels}
+        rows = [[*row[:column], short[row[column]], *row[column + 1 :]] for row in self.rows]
         longest_first = sorted(short, key=len, reverse=True)  # a label may begin with another one
         notes = []
         for note in self.notes:

@@ -5,6 +5,7 @@ The *kind* of a table is one of `reports.KINDS`; for each there is a *maker*, a 
 """
 
 from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
 from typing import cast
 
 from bench.compare.choosing import has_validation
@@ -56,13 +57,12 @@ def all_tables(
 def unfinished_table(run: Run, materials: Iterable[MaterialRows]) -> Table | None:
     """Jobs without numbers and the reasons, including planned jobs that were not run; None if all have numbers."""
     rows = []
-    for material_rows in materials:
-        for row in material_rows.rows:
-            status = row.job["status"]
-            if status != "ok":
-                status_in_words = "not available" if status == "unavailable" else status
-                why = " ".join(str(row.job.get("error", "")).split())  # on one line
-                rows.append([row.job["material"], row.name, status_in_words, why])
+    for row in chain.from_iterable(material.rows for material in materials):
+        status = row.job["status"]
+        if status != "ok":
+            status_in_words = "not available" if status == "unavailable" else status
+            why = " ".join(str(row.job.get("error", "")).split())  # on one line
+            rows.append([row.job["material"], row.name, status_in_words, why])
     for material, label, seeds in not_run(run):
         seeds_in_words = f"seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}"
         rows.append([material, label, "not run", seeds_in_words])

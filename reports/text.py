@@ -128,9 +128,8 @@ def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
 
     A line has the text of every column, "" where that of a column ended on a line before.
     """
-    widths: Sequence[int] = (table.fold,)  # in characters, of the columns of words
-    if table.words > 1:
-        widths = (20, 24, 13, 57)[: table.words]  # with the gaps between them, all four fill a terminal
+    # In characters, of the columns of words; with the gaps between them, all four fill a terminal.
+    widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (table.fold,)
     lines_of_columns: list[list[str]] = []  # an empty cell has one line, too
     for cell, width in zip(row, widths, strict=False):  # the row goes on with its numbers
         lines_of_columns.append(textwrap.wrap(cell, width) or [""])
@@ -146,7 +145,7 @@ def wrapped(text: str, break_on_hyphens: bool = True) -> str:
 def markdown(tables: Sequence[Table]) -> str:
     """Tables as GitHub Markdown, each under a heading."""
     blocks: list[str] = []
-    for table in (each.with_short_labels() for each in tables):
+    for table in map(Table.with_short_labels, tables):
         blocks += [f"### {escaped(table.title)}", grid(table), *map(escaped, table.footnotes)]
     return "\n\n".join(blocks) + "\n"
 
@@ -216,20 +215,16 @@ def latex(tables: Sequence[Table]) -> str:
     """
     if not tables:
         return ""
-    tables = [table.with_short_labels() for table in tables]
     kinds = [table.kind for table in tables]
-    texts = []
-    labels: set[str] = set()
+    labels: list[str] = []
     for table in tables:
         is_only_one = kinds.count(table.kind) == 1 and not table.material
-        wanted_label = f"tab:{table.kind}" if is_only_one else label(table)
-        free_label = _free_label(wanted_label, labels)
-        labels.add(free_label)
-        texts.append(_latex(table, free_label))
+        labels.append(_free_label(f"tab:{table.kind}" if is_only_one else label(table), labels))
+    texts = map(_latex, map(Table.with_short_labels, tables), labels)
     return "\n".join([PACKAGES, *texts])
 
 
-def _free_label(wanted: str, labels: set[str]) -> str:
+def _free_label(wanted: str, labels: Sequence[str]) -> str:
     """The wanted label; with a number, from 2, if `labels` has it: materials `a_b` and `a-b` give the same label."""
     numbered = (f"{wanted}-{number}" for number in count(2))
     return next(candidate for candidate in chain([wanted], numbered) if candidate not in labels)
@@ -238,11 +233,11 @@ def _free_label(wanted: str, labels: set[str]) -> str:
 def latex_escaped(text: str) -> str:
     """Text escaped for LaTeX, on one line."""
     # θ_o and θ_i are one symbol each: a mark, which no visible text has, keeps their parts from being escaped.
-    text = " ".join(visible(text).split()).replace("θ_o", "\0o").replace("θ_i", "\0i")
-    text = "".join(_SPECIAL.get(character, character) for character in text)
-    text = text.replace("\0o", r"\ensuremath{\theta_o}").replace("\0i", r"\ensuremath{\theta_i}")
+    marked = " ".join(visible(text).split()).replace("θ_o", "\0o").replace("θ_i", "\0i")
+    commands = "".join(_SPECIAL.get(character, character) for character in marked)
+    source = commands.replace("\0o", r"\ensuremath{\theta_o}").replace("\0i", r"\ensuremath{\theta_i}")
     # `\\` or `\midrule` before a cell would take a "[" or "*" as its own argument; an empty group parts them.
-    return f"{{}}{text}" if text.startswith(("[", "*")) else text
+    return f"{{}}{source}" if source.startswith(("[", "*")) else source
 
 
 def _latex(table: Table, label: str) -> str:
@@ -294,6 +289,6 @@ def label(table: Table) -> str:
     title = table.title.partition(" (")[0]
     # A letter with an accent becomes two characters, of which the second, the accent, is left out.
     characters = unicodedata.normalize("NFKD", title)
-    plain = "".join(character for character in characters if not unicodedata.combining(character))
-    words = re.findall("[A-Za-z0-9]+", plain)
+    without_accents = "".join(character for character in characters if not unicodedata.combining(character))
+    words = re.findall("[A-Za-z0-9]+", without_accents)
     return "-".join([f"tab:{table.kind}", *words]).lower()

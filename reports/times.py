@@ -8,13 +8,15 @@ The *limit* is the time of the arithmetic, or of the reads, at the machine's mea
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import chain
 from math import isnan, nan
+from operator import itemgetter
 from typing import Any
 
 import pandas as pd
 
 from bench.compare.choosing import usual_batch
-from bench.records import Run, Timing, conditions_in_words, timed_on, variant_of
+from bench.records import Run, Timing, conditions_in_words, grouped, timed_on, variant_of
 from reports.numbers import NONE, significant
 from reports.table import Table
 from reports.values import Column, Row, written
@@ -29,7 +31,7 @@ _NOTE = (
 def times_tables(run: Run) -> Iterator[Table]:
     """Up to four tables: times of settings as budgets use them, and those of `variant_tables`. Each only if it has a
     row."""
-    yield from _settings(run, run.setting_timings)
+    yield from _settings_table(run, run.setting_timings)
     yield from variant_tables(run, "times")
 
 
@@ -39,11 +41,12 @@ def variant_tables(run: Run, kind: str) -> Iterator[Table]:
     # Only timings of settings in each execution and precision are compared with float64.
     variants = [timing for timing in run.timings if "of_tolerance" in timing]
     steps = [timing for timing in run.timings if timing["execution"] == "fit step"]
-    for table in (*_variants(run, variants), *_of_gpu(variants), *_batches(variants), *_fits(run, steps)):
+    tables = _variants_table(run, variants), _gpu_table(variants), _batches_table(variants), _steps_table(run, steps)
+    for table in chain.from_iterable(tables):
         yield replace(table, kind=kind)
 
 
-def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
+def _settings_table(run: Run, timings: list[Timing]) -> Iterator[Table]:
     """A table with a row a setting, the quickest first; none without timings."""
     if not timings:
         return
@@ -56,11 +59,11 @@ def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
         Column("a sample", "ns ↓", "ns_per_sample", -3, ranked=False),
         Column("operations", "a query", "flops", 0),
     ]
-    values = pd.DataFrame([_row(timing) for timing in quickest_first])
+    values = pd.DataFrame([_values_of_setting(timing) for timing in quickest_first])
     yield written("times", f"Times of settings: {_conditions(run, quickest_first[0])}", values, columns, [_NOTE])
 
 
-def _row(timing: Timing) -> dict[str, Any]:
+def _values_of_setting(timing: Timing) -> dict[str, Any]:
     """The values of a setting: medians, and the quickest and the slowest round."""
     names = ("label", "ratio_to_floor", "ns_per_sample", "flops")
     row: dict[str, Any] = {name: timing.get(name) for name in names}
@@ -68,7 +71,7 @@ def _row(timing: Timing) -> dict[str, Any]:
     return row | {"least": min(timing["rounds"]), "most": max(timing["rounds"])}
 
 
-def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
+def _variants_table(run: Run, timings: list[Timing]) -> Iterator[Table]:
     """A table with a row a setting, a column an execution and precision; no table if there are no timings.
 
     See `_time_and_limit` for its cells.
@@ -76,14 +79,12 @@ def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
     if not timings:
         return
     usual = usual_batch(timings)
-    timings = [timing for timing in timings if timing["batch"] == usual]  # other batches: see `_batches`
-    variants = list(dict.fromkeys(variant_of(timing) for timing in timings))
-    timings_of_label: dict[str, dict[str, Timing]] = {}  # by label, then by variant
-    for timing in timings:
-        timings_of_label.setdefault(timing["label"], {})[variant_of(timing)] = timing
+    in_usual_batch = [timing for timing in timings if timing["batch"] == usual]  # others: see `_batches_table`
+    variants = list(dict.fromkeys(map(variant_of, in_usual_batch)))
     rows = []
-    for label, timing_of_variant in timings_of_label.items():
-        row: dict[str, Any] = {"setting": _setting(label)}
+    for label, of_label in grouped(in_usual_batch, itemgetter("label")).items():
+        timing_of_variant = {variant_of(timing): timing for timing in of_label}
+        row: dict[str, Any] = {"setting": _without_steps(label)}
         for variant in variants:
             timing = timing_of_variant.get(variant, Timing())
             row[variant] = timing.get("ns_per_sample", nan)
@@ -92,7 +93,7 @@ def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
         rows.append(row)
     columns = [Column("setting", "", "setting")]
     columns += [Column(variant, "ns, % of limit", variant, -3, write=_time_and_limit(variant)) for variant in variants]
-    shared_by_all = _conditions(run, timings[0], variant="each variant")
+    shared_by_all = _conditions(run, in_usual_batch[0], variant="each variant")
     note = (
         "ns a sample, and the time that arithmetic or reads take at the machine's measured rates, as a share of it. "
         "!: answers differ from float64's by more than the precision allows (docs/trade.md)."
@@ -101,23 +102,20 @@ def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
     yield written("times", title, pd.DataFrame(rows), columns, [note])
 
 
-def _of_gpu(timings: list[Timing]) -> Iterator[Table]:
+def _gpu_table(timings: list[Timing]) -> Iterator[Table]:
     """A table of bytes read, memory and energy, with a row a setting, execution and precision; none without a GPU."""
-    of_gpu = [timing for timing in timings if "read_bytes" in timing]
-    if not of_gpu:
+    on_gpu = [timing for timing in timings if "read_bytes" in timing]
+    in_usual_batch = [timing for timing in on_gpu if timing["batch"] == usual_batch(timings)]
+    if not in_usual_batch:
         return
-    usual = usual_batch(timings)
     rows = []
-    for timing in of_gpu:
-        if timing["batch"] == usual:
-            ns = timing["ns_per_sample"]
-            row: dict[str, Any] = {"setting": _setting(timing["label"]), "variant": variant_of(timing)}
-            row["rate"] = timing["read_bytes"] / ns  # bytes a ns are gigabytes a second
-            row["memory"] = timing.get("memory", nan) / 2**20
-            row["energy"] = timing.get("watts", nan) * ns  # a watt for a ns is a nanojoule
-            rows.append(row)
-    if not rows:
-        return
+    for timing in in_usual_batch:
+        ns = timing["ns_per_sample"]
+        row: dict[str, Any] = {"setting": _without_steps(timing["label"]), "variant": variant_of(timing)}
+        row["rate"] = timing["read_bytes"] / ns  # bytes a ns are gigabytes a second
+        row["memory"] = timing.get("memory", nan) / 2**20
+        row["energy"] = timing.get("watts", nan) * ns  # a watt for a ns is a nanojoule
+        rows.append(row)
     columns = [
         Column("setting", "", "setting"),
         Column("variant", "", "variant"),
@@ -131,7 +129,7 @@ def _of_gpu(timings: list[Timing]) -> Iterator[Table]:
     yield written("times", "Of the GPU besides time", pd.DataFrame(rows), columns, [note], words=2)
 
 
-def _setting(label: str) -> str:
+def _without_steps(label: str) -> str:
     """The label of a setting without the steps of its fit, which change no time."""
     return " ".join(word for word in label.split() if not word.startswith("steps="))
 
@@ -150,19 +148,16 @@ def _time_and_limit(variant: str) -> Callable[[Row], str]:
     return write
 
 
-def _batches(timings: list[Timing]) -> Iterator[Table]:
+def _batches_table(timings: list[Timing]) -> Iterator[Table]:
     """A table with a row a setting and execution in float32, a column a batch: ns a sample. It has only what was timed
     at several batches; none if nothing was."""
     in_float32 = [timing for timing in timings if timing["dtype"] == "float32"]
     batches = sorted({timing["batch"] for timing in in_float32})
-    ns_of_row: dict[tuple[str, str], dict[int, float]] = {}  # by label and execution, then by batch
-    for timing in in_float32:
-        ns_of_row.setdefault((timing["label"], timing["execution"]), {})[timing["batch"]] = timing["ns_per_sample"]
     rows = []
-    for (label, execution), ns_of_batch in ns_of_row.items():
-        if len(ns_of_batch) > 1:  # a single batch is in the table of `_variants`
-            ns_of_column = {f"{batch:,}": ns for batch, ns in ns_of_batch.items()}
-            rows.append({"setting": _setting(label), "execution": execution, **ns_of_column})
+    for (label, execution), of_row in grouped(in_float32, itemgetter("label", "execution")).items():
+        ns_of_batch = {f"{timing['batch']:,}": timing["ns_per_sample"] for timing in of_row}
+        if len(ns_of_batch) > 1:  # a single batch is in the table of `_variants_table`
+            rows.append({"setting": _without_steps(label), "execution": execution, **ns_of_batch})
     if not rows:
         return
     columns = [Column("setting", "", "setting"), Column("execution", "", "execution")]
@@ -171,7 +166,7 @@ def _batches(timings: list[Timing]) -> Iterator[Table]:
     yield written("times", title, pd.DataFrame(rows), columns, [], words=2)
 
 
-def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
+def _steps_table(run: Run, timings: list[Timing]) -> Iterator[Table]:
     """A table with a row a setting: milliseconds of a step of its fit, the quickest first; none without timings."""
     if not timings:
         return

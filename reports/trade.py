@@ -7,6 +7,7 @@ bytes), and better in one.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from math import inf, nan
 from operator import itemgetter
 from typing import Any, cast
@@ -24,14 +25,14 @@ def trade_tables(run: Run, whole: bool = False) -> Iterator[Table]:
     """The choices of each material that are on a front; none if no trade was measured. With `whole` all choices,
     their stability, and the ceilings last."""
     stale = stale_jobs(run.jobs)
-    for material, rows in grouped(run.choices, itemgetter("material")).items():
-        rows.sort(key=lambda row: "of" not in row)  # the floor last
-        yield _choices(material, rows, list(answers(material, rows)), stale, whole)
+    for material, choices in grouped(run.choices, itemgetter("material")).items():
+        rows = sorted(choices, key=lambda row: "of" not in row)  # the floor last
+        yield _choices_table(material, rows, stale, whole)
         if whole and any("from_float32" in row for row in rows):  # else there is no other execution to compare
-            yield _stability(material, rows, stale)
+            yield _stability_table(material, rows, stale)
     floors = [row for row in run.choices if "of" not in row]
     if floors and whole:
-        yield _ceilings(floors)
+        yield _ceilings_table(floors)
 
 
 _COLUMNS = [
@@ -62,54 +63,54 @@ _ABOVE = (
 )
 
 
-def _choices(material: str, rows: Sequence[Timing], sentences: list[str], stale: set[str], whole: bool) -> Table:
+def _choices_table(material: str, rows: list[Timing], stale: set[str], whole: bool) -> Table:
     """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
 
-    Without `whole`, choices on no front are left out. `sentences` are about the material, such as which choice is the
-    fastest: they are its first notes.
+    Without `whole`, choices on no front are left out. The first notes say which choices are the best and the fastest.
     """
     measured = [row for row in rows if "of" in row and "error" not in row]
     fronts = {"speed": on_front(measured, "ns_per_sample"), "rate": on_front(measured, "bytes")}
     beaten = {row["job"] for row in measured} - fronts["speed"] - fronts["rate"]
+    notes = list(answers(material, rows))
     if beaten and not whole:
-        rows = [row for row in rows if row["job"] not in beaten]
-        left_out = f"Left out, because others beat them at these pairs: {len(beaten)} choices. --all shows them, too."
-        sentences = [*sentences, left_out]
-    values = pd.DataFrame([_values(row, fronts) | {"stale": row.get("job") in stale} for row in rows])
-    notes = [*sentences, _conditions(rows)]
-    notes += [f"{name_of_choice(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed
+        notes.append(
+            f"Left out, because others beat them at these pairs: {len(beaten)} choices. --all shows them, too."
+        )
+    shown = [row for row in rows if whole or row.get("job") not in beaten]
+    values = pd.DataFrame([_values_of_choice(row, fronts) | {"stale": row.get("job") in stale} for row in shown])
+    notes.append(_note_on_conditions(shown))
+    notes += [f"{name_of_choice(row)}: {row['error']}." for row in shown if "error" in row]  # why it could not be timed
     if values["above limit"].any():
         notes.append(_ABOVE)
     columns = [*_COLUMNS]
-    if any("noise" in row or "noise_error" in row for row in rows):
+    if any("noise" in row or "noise_error" in row for row in shown):
         columns += _NOISE
-        notes += _noise_notes(rows)
+        notes += _noise_notes(shown)
     title = f"{material}: gains and losses of each setting"
     return written("trade", title, values, columns, notes, material=material)
 
 
-def _values(row: Timing, fronts: Mapping[str, set[str]]) -> dict[str, Any]:
+def _values_of_choice(row: Timing, fronts: Mapping[str, set[str]]) -> dict[str, Any]:
     """The values of a choice; the floor has times alone, and one whose time cannot be measured its quality and bytes.
 
     NaN stands for what there is not, infinity for the PSNR of an exact slice.
     """
-    found: dict[str, Any] = {"codec": name_of_choice(row), "above limit": False, "fronts": NONE}
-    scored = "psnr" in row or "error" not in row  # a choice that failed before has nothing to show
+    values: dict[str, Any] = {"codec": name_of_choice(row), "of limit": nan, "above limit": False, "fronts": NONE}
+    # A choice that failed before it was scored has no number to show.
+    stored: Mapping[str, Any] = row if "psnr" in row or "error" not in row else {}
     for name in _NUMBERS:
-        value = row.get(name) if scored else None
-        if value is None:  # of no error, or not measured
-            value = inf if scored and name in _EXACT and name in row else nan
-        found[name] = value
-    found["low"], found["high"] = row.get("ratio_interval95", (nan, nan))
-    found["of limit"] = nan
+        values[name] = stored.get(name, nan)
+        if values[name] is None:
+            values[name] = inf if name in _EXACT else nan
+    values["low"], values["high"] = row.get("ratio_interval95", (nan, nan))
     if "bytes" in row and "error" not in row:  # not the floor
         of_limit = row["limit_ns"] / row["ns_per_sample"]
-        found["of limit"], found["above limit"] = 100 * of_limit, of_limit > 1
-        found["fronts"] = ", ".join(word for word, names in fronts.items() if row["job"] in names) or NONE
+        values["of limit"], values["above limit"] = 100 * of_limit, of_limit > 1
+        values["fronts"] = ", ".join(word for word, names in fronts.items() if row["job"] in names) or NONE
     noise = row.get("noise", {"samples": (nan, nan), "seconds": (nan, nan)})
     for quantity in ("samples", "seconds"):
-        found[f"{quantity}, cosine"], found[f"{quantity}, lobes"] = noise[quantity]
-    return found
+        values[f"{quantity}, cosine"], values[f"{quantity}, lobes"] = noise[quantity]
+    return values
 
 
 def _noise_notes(rows: Sequence[Timing]) -> Iterator[str]:
@@ -124,7 +125,7 @@ def _noise_notes(rows: Sequence[Timing]) -> Iterator[str]:
             yield f"{name_of_choice(row)}: noise was not measured: {row['noise_error']}."
 
 
-def _conditions(rows: Sequence[Timing]) -> str:
+def _note_on_conditions(rows: Sequence[Timing]) -> str:
     """A note on quality and times, with the conditions of the first choice that was timed."""
     timed = next((row for row in rows if "ns_per_sample" in row), None)
     if timed is None:
@@ -136,21 +137,19 @@ def _conditions(rows: Sequence[Timing]) -> str:
     )
 
 
-def _stability(material: str, rows: Sequence[Timing], stale: set[str]) -> Table:
+def _stability_table(material: str, rows: Sequence[Timing], stale: set[str]) -> Table:
     """A row for each choice of another execution or precision than eager float32: its time, and how far its answers are
     from those of eager float32 with the same label. `rows` are all choices of the material."""
-    psnr_of_eager_float32: dict[str, float] = {}  # by label
-    for row in rows:
-        if is_plain(row) and "psnr" in row:
-            psnr_of_eager_float32[row["label"]] = cast(float, row["psnr"])
-    found = []
+    plain = [row for row in rows if is_plain(row) and "psnr" in row]
+    psnr_of_plain = {row["label"]: cast(float, row["psnr"]) for row in plain}
+    values = []
     for row in rows:
         if "from_float32" in row:  # PSNR in dB, None without any difference
             worst = inf if row["from_float32"] is None else row["from_float32"]
             # Without that of eager float32 its slices could not be read.
-            gained = cast(float, row["psnr"]) - psnr_of_eager_float32.get(row["label"], nan)
-            own = {"codec": name_of_choice(row), "time": row["ratio_to_floor"], "worst": worst, "gained": gained}
-            found.append(own | {"flip": row.get("flip"), "stale": row.get("job") in stale})
+            gained = cast(float, row["psnr"]) - psnr_of_plain.get(row["label"], nan)
+            numbers = {"time": row["ratio_to_floor"], "worst": worst, "gained": gained, "flip": row.get("flip")}
+            values.append({"codec": name_of_choice(row), **numbers, "stale": row.get("job") in stale})
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."
@@ -159,16 +158,14 @@ def _stability(material: str, rows: Sequence[Timing], stale: set[str]) -> Table:
     columns = [Column("choice", "", "codec"), Column("time", "× floor", "time", -3)]
     columns += [Column("worst slice", "from float32, dB ↑", "worst", ranked=False)]
     columns += [Column("gained", "dB", "gained", 2, signed=True), Column("FLIP", "↓", "flip", 3, ranked=False)]
-    return written("trade", title, pd.DataFrame(found), columns, [note], material=material)
+    return written("trade", title, pd.DataFrame(values), columns, [note], material=material)
 
 
-def _ceilings(floors: Sequence[Timing]) -> Table:
+def _ceilings_table(floors: Sequence[Timing]) -> Table:
     """A row for each device, number of threads and type of numbers, as measured last with a floor; a note names the
     variants that were left out."""
-    ceiling_of = {}
-    for floor in floors:
-        for ceiling in floor["ceilings"]:
-            ceiling_of[ceiling["device"], ceiling["threads"], ceiling["dtype"]] = ceiling
+    ceilings = chain.from_iterable(floor["ceilings"] for floor in floors)
+    last_of = {(ceiling["device"], ceiling["threads"], ceiling["dtype"]): ceiling for ceiling in ceilings}
     left_out = floors[-1].get("left_out", [])
     columns = [Column("device", "", "device"), Column("threads", "", "threads", 0), Column("numbers", "", "dtype")]
     # A flop a ns is a Gflop/s, and a byte a ns is a GB/s.
@@ -179,4 +176,4 @@ def _ceilings(floors: Sequence[Timing]) -> Table:
     )
     notes = [note] if left_out else []
     title = "ceilings: measured rates of this machine"
-    return written("trade", title, pd.DataFrame([*ceiling_of.values()]), columns, notes)
+    return written("trade", title, pd.DataFrame([*last_of.values()]), columns, notes)

@@ -64,8 +64,8 @@ class Column(NamedTuple):
         after = self.after[0] if self.after[1] and row[self.after[1]] else ""
         beside = ""
         if self.beside and not pd.isna(row[self.beside]):
-            other = self if self.beside_digits is None else self._replace(digits=self.beside_digits)
-            beside = self.pair.format(other._number(row[self.beside]))
+            digits = self.digits if self.beside_digits is None else self.beside_digits
+            beside = self.pair.format(self._replace(digits=digits)._number(row[self.beside]))
         return before + self._number(value) + beside + after
 
     def _number(self, value: float) -> str:
@@ -89,13 +89,13 @@ def written(
     A column `stale` of `values` says which rows the installed version of their codec cannot make again: they are marked
     in their column "codec", or else in the first.
     """
+    fields = [column.field for column in columns]
+    place_of_codec = fields.index("codec") if "codec" in fields else 0
     rows = []
     for row in values.to_dict("records"):
         cells = [column.cell(row) for column in columns]
         if row.get("stale"):
-            fields = [column.field for column in columns]
-            place = fields.index("codec") if "codec" in fields else 0
-            cells[place] += STALE
+            cells[place_of_codec] += STALE
         rows.append(cells)
     headers = [(column.name, column.unit) for column in columns]
     all_notes = [*notes, STALE_NOTE] if "stale" in values and values["stale"].any() else [*notes]
@@ -103,8 +103,8 @@ def written(
     for number, column in enumerate(columns):
         for row_number, mark in _marked(values, column).items():
             marks[row_number, number] = mark
-    named = _named(values, columns, words)
-    return Table(kind, title, headers, rows, all_notes, words, material, marks=marks, values=named)
+    by_header = _values_by_header(values, columns, words)
+    return Table(kind, title, headers, rows, all_notes, words, material, marks=marks, values=by_header)
 
 
 def stale_jobs(jobs: Iterable[Job]) -> set[str]:
@@ -115,21 +115,21 @@ def stale_jobs(jobs: Iterable[Job]) -> set[str]:
     return {*stale(job for job in jobs if job["status"] == "ok" and "job" in job)}
 
 
-def _named(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -> pd.DataFrame:
+def _values_by_header(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -> pd.DataFrame:
     """The values of a table by the headers of its columns; `attrs` has their units and better ends.
 
     A column with any number has floats: NaN where a word, such as “n/c”, or nothing stands in place of one.
     """
     headers = [str(column.name) for column in columns]
-    found = []
+    shown_values = []
     names = []
     units = {}
     directions = {}
     for place, column in enumerate(columns):  # by place, because two columns may have one field
-        own = values[column.field].reset_index(drop=True)
-        numbers = pd.to_numeric(own, errors="coerce").astype(float)
-        is_words = place < word_columns or (numbers.isna().all() and not own.isna().all())
-        found.append(own if is_words else numbers)
+        as_stored = values[column.field].reset_index(drop=True)
+        numbers = pd.to_numeric(as_stored, errors="coerce").astype(float)
+        is_words = place < word_columns or (numbers.isna().all() and not as_stored.isna().all())
+        shown_values.append(as_stored if is_words else numbers)
         unit = (column.unit.unit if isinstance(column.unit, Spread) else column.unit).rstrip(" ↑↓")
         name = headers[place]
         if headers.count(name) > 1:  # what stands below tells them apart
@@ -139,7 +139,7 @@ def _named(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -
             units[name] = unit
         if column.arrow:
             directions[name] = _ENDS[column.arrow]
-    named = pd.concat(found, axis=1)
+    named = pd.concat(shown_values, axis=1)
     named.columns = pd.Index(names, dtype=object)  # strings of pandas cannot hold every name
     named.attrs = {"units": units, "directions": directions}
     return named
@@ -153,17 +153,23 @@ def _marked(values: pd.DataFrame, column: Column) -> dict[int, str]:
     """
     if not column.ranked or not column.arrow:
         return {}
-    read = [nan if isinstance(value, str) else as_read(value, column.digits) for value in values[column.field]]
-    if column.arrow == "↓" and not column.write:  # an infinite one reads “exact”, which is the best by any measure
-        read = [-inf if value == inf else value for value in read]
-    if column.unranked:
-        read = [nan if unranked else own for own, unranked in zip(read, values[column.unranked], strict=True)]
+
+    def as_ranked(value: Any, is_unranked: bool) -> float:
+        """A value of the column as it reads; NaN if it gets no mark."""
+        if is_unranked or isinstance(value, str):
+            return nan
+        if value == inf and column.arrow == "↓" and not column.write:  # it reads “exact”, the best by any measure
+            return -inf
+        return as_read(value, column.digits)
+
+    unranked = values[column.unranked] if column.unranked else [False] * len(values)
+    read = list(map(as_ranked, values[column.field], unranked))
     best_first = sorted({value for value in read if not isnan(value)}, reverse=column.arrow == "↑")
     if len(best_first) < 2:
         return {}
     marks = {}
     for value, mark in zip(best_first, (BOLD, UNDERLINED), strict=False):
-        rows = [row for row, own in enumerate(read) if own == value]
+        rows = [row for row, value_of_row in enumerate(read) if value_of_row == value]
         if len(rows) <= FEW and (mark == BOLD or value or column.signed):
             marks.update(dict.fromkeys(rows, mark))
     return marks

@@ -114,10 +114,7 @@ def _formats_there(folder: Path) -> list[str]:
 
 def _figure_names() -> list[str]:
     """The patterns of the names of figures, without their ends: a kind, and a kind with a material."""
-    names = []
-    for kind in figures.ALL:
-        names += [kind, f"{kind}-*"]
-    return names
+    return [*figures.ALL, *(f"{kind}-*" for kind in figures.ALL)]
 
 
 def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[Path]:

@@ -8,6 +8,7 @@ measures, are rungs here. Imports nothing heavy, so an answer from stored measur
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from statistics import mode
 from typing import Any, Literal
 
@@ -23,6 +24,7 @@ from bench.records import (
     Timing,
     codec_of,
     deciding_group,
+    grouped,
     variant_of,
     view,
 )
@@ -76,9 +78,7 @@ class Limits:
 
 def _excess(cost: float | None, limit: float) -> float:
     """How much a cost is above its limit, as a share of the limit; infinite if it was not measured."""
-    if cost is None:
-        return math.inf
-    return cost / limit - 1
+    return math.inf if cost is None else cost / limit - 1
 
 
 def best_rung(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | None:
@@ -109,9 +109,7 @@ def nearest(rungs: Sequence[Rung], limits: Limits) -> Rung:
 
 def _time(rung: Rung) -> float:
     """The time of a rung to sort by; infinite where it was not measured."""
-    if rung.time is None:
-        return math.inf
-    return rung.time
+    return math.inf if rung.time is None else rung.time
 
 
 def validation_of(job: Job) -> Statistics:
@@ -158,11 +156,8 @@ def longest_ns(row: Timing) -> float:
 @view
 def fused_times(run: Run) -> dict[str, Timing]:
     """By job: the choice of the run's trade that was timed as one fused kernel in float32, with its time."""
-    choice_of_job = {}
-    for row in run.choices:
-        if (row["execution"], row["dtype"]) == ("fused", "float32") and "ratio_to_floor" in row:
-            choice_of_job[row["of"]] = row
-    return choice_of_job
+    fused = [row for row in run.choices if (row["execution"], row["dtype"]) == ("fused", "float32")]
+    return {row["of"]: row for row in fused if "ratio_to_floor" in row}
 
 
 def gpu_times(run: Run) -> dict[str, Timing]:
@@ -172,14 +167,9 @@ def gpu_times(run: Run) -> dict[str, Timing]:
     if not variants:
         return {}
     usual = usual_batch(variants)
-    quickest: dict[str, Timing] = {}
-    for timing in variants:
-        if timing["dtype"] != "float32" or timing["batch"] != usual:
-            continue
-        quickest_so_far = quickest.get(timing["label"])
-        if quickest_so_far is None or timing["ns_per_sample"] < quickest_so_far["ns_per_sample"]:
-            quickest[timing["label"]] = timing
-    return quickest
+    in_float32 = [timing for timing in variants if timing["dtype"] == "float32" and timing["batch"] == usual]
+    by_label = grouped(in_float32, itemgetter("label"))
+    return {label: min(timings, key=itemgetter("ns_per_sample")) for label, timings in by_label.items()}
 
 
 def usual_batch(variants: Sequence[Timing]) -> int:
@@ -213,10 +203,8 @@ def answers(material: str, choices: list[Timing]) -> Iterator[str]:
     for word, key in (("fast", "ns_per_sample"), ("small", "bytes")):
         # Of the choices that are near, the one with the least time, or the fewest bytes.
         least = min(near, key=lambda rung: (rung.of[key], rung.of["ns_per_sample"]))
-        if least.of[key] != best.of[key]:
-            answer = f"the {word}est is {choice_in_words(least.of)}"
-        else:
-            answer = f"no other is {word}er"
+        is_other = least.of[key] != best.of[key]
+        answer = f"the {word}est is {choice_in_words(least.of)}" if is_other else f"no other is {word}er"
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 

@@ -40,10 +40,7 @@ class Comparison:
     def summary(self) -> str:
         """One line that counts the rows by verdict, and their means where not all are the same: it agrees with the
         exit code."""
-        counts = "no rows"
-        if self.rows:
-            counts = _counts_in_words(self.rows)
-        parts = [f"{len(self.rows)} rows: {counts}"]
+        parts = [f"{len(self.rows)} rows: {_counts_in_words(self.rows) or 'no rows'}"]
         if any(row.verdict != Verdict.SAME for row in self.means):
             parts.append(f"means of rows: {_counts_in_words(self.means)}")
         allowed = sum(not row.forbids for row in self.having(Verdict.GONE, Verdict.UNLIKE))
@@ -86,14 +83,12 @@ def compare(
     check_names("material", materials, {job["material"] for job in every})
     check_names("codec", codecs, {codec_of(job["label"]) for job in every})
     # The jobs of both runs that are compared, and their times.
-    before = _jobs_to_compare(base, materials, codecs)
     after = _jobs_to_compare(new, materials, codecs)
-    before = _with_current_labels(before, after)  # a default that changed, changes labels
+    before = _with_current_labels(_jobs_to_compare(base, materials, codecs), after)
     times_before = multiples(before, base.timings)
     times_after = multiples(after, new.timings)
     declared_seeds = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
-    if not declared_seeds:  # no start says its seeds
-        declared_seeds = {job["seed"] for job in after}
+    expected_seeds = declared_seeds or {job["seed"] for job in after}  # if no start says its seeds
 
     # Each row of either run, by material and label, with its jobs in the order of their seeds.
     rows_before = by_row(sorted(before, key=lambda job: job["seed"]))
@@ -101,7 +96,7 @@ def compare(
     rows = []
     for key in _rows_in_order([*before, *after]):
         timing = advice(times_before.get(key), times_after.get(key))
-        row = compare_row((base, new), rows_before.get(key, []), rows_after.get(key, []), declared_seeds, timing)
+        row = compare_row((base, new), rows_before.get(key, []), rows_after.get(key, []), expected_seeds, timing)
         rows.append(replace(row, allowed=any(_pattern_names(pattern, row) for pattern in allow)))
     return Comparison(rows, list(_notes(base, new, rows)), means(rows))
 
@@ -145,13 +140,12 @@ def _mean_row(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow |
 
     `every` says that the rows are of all codecs, not of one: their mean has a tolerance of its own.
     """
-    changes: dict[str, list[Change]] = {}  # by name of the quantity
-    for row in rows:
-        for change in row.deciding:
-            # Sizes, which have no metric, are exact on each row; and a mean with an infinite number says nothing.
-            if change.quantity.metric and change.verdict in DECIDED and _is_finite(change):
-                changes.setdefault(change.quantity.name, []).append(change)
-    merged = [_mean_change(of_quantity, every) for of_quantity in changes.values() if len(of_quantity) > 1]
+    # Sizes, which have no metric, are exact on each row; and a mean with an infinite number says nothing.
+    decided = [
+        change for row in rows for change in row.deciding if change.quantity.metric and change.verdict in DECIDED
+    ]
+    by_quantity = grouped(filter(_is_finite, decided), lambda change: change.quantity.name)
+    merged = [_mean_change(of_quantity, every) for of_quantity in by_quantity.values() if len(of_quantity) > 1]
     if not merged:
         return None
     return ComparedRow("all materials", label, gravest_verdict(merged), deciding=merged)
@@ -173,7 +167,7 @@ def _mean_change(changes: list[Change], every: bool) -> Change:
     assert tolerance is not None, "a deciding quantity has a tolerance"
     weights = _weights(changes, tolerance)
     chance = _scatter_of_mean(changes, weights)
-    margin = _margin(tolerance, chance, every)
+    margin = _margin_of_mean(tolerance, chance, every)
     base = fmean(change.base for change in changes if change.base is not None)
     new = fmean(change.new for change in changes if change.new is not None)
     differences = [change.difference or 0.0 for change in changes]
@@ -195,7 +189,7 @@ def _weights(changes: list[Change], tolerance: Tolerance) -> list[float]:
     return [share / total for share in inverse]
 
 
-def _margin(tolerance: Tolerance, chance: Chance | None, every: bool) -> float:
+def _margin_of_mean(tolerance: Tolerance, chance: Chance | None, every: bool) -> float:
     """How much a mean may lose, at least as much as chance explains; `every` is as in `_mean_row`."""
     if every:
         least = tolerance.common
@@ -238,12 +232,14 @@ def _with_current_labels(before: list[Job], after: list[Job]) -> list[Job]:
     """
     rows_after = {(job["material"], job["label"]) for job in after}
     label_after = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
-    renamed = []
-    for job in before:
-        if job["status"] == "ok" and (job["material"], job["label"]) not in rows_after:
-            job = job | {"label": label_after.get(_identity(job), job["label"])}
-        renamed.append(job)
-    return renamed
+
+    def current_label(job: Job) -> str:
+        """The label of a job in `after`, or else its own."""
+        if job["status"] != "ok" or (job["material"], job["label"]) in rows_after:
+            return job["label"]
+        return label_after.get(_identity(job), job["label"])
+
+    return [job | {"label": current_label(job)} for job in before]
 
 
 def _identity(job: Job) -> tuple[str, ...]:
@@ -260,11 +256,11 @@ def check_whole(base: Run) -> None:
         raise InputError(f"{base.folder / base.file}: {why}: {remedy}")
 
 
-def check_names(what: str, names: Sequence[str], known: set[str]) -> None:
+def check_names(option: str, names: Sequence[str], names_of_runs: set[str]) -> None:
     """Raise `InputError` for a name that neither run has."""
     for name in names:
-        if name not in known:
-            raise InputError(f"--{what} {name}: neither run has it{did_you_mean(name, known)}")
+        if name not in names_of_runs:
+            raise InputError(f"--{option} {name}: neither run has it{did_you_mean(name, names_of_runs)}")
 
 
 def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
@@ -272,16 +268,13 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
     if new.unreadable:
         yield f"{len(new.unreadable)} line(s) of NEW could not be read: {', '.join(map(str, new.unreadable))}"
     if base.starts and new.starts:
-        before = _conditions(base.starts[-1])
-        after = _conditions(new.starts[-1])
+        before = _conditions_of(base.starts[-1])
+        after = _conditions_of(new.starts[-1])
         changed = [f"{key} {before[key]} → {after[key]}" for key in before if before[key] != after[key]]
         if changed:
             yield "not measured under the same conditions: " + "; ".join(changed)
-    guessed = []
-    for row in rows:
-        # `spread` is None where one seed alone measures the scatter, and `margin` where a number does not decide.
-        if any(change.margin and change.spread is None for change in row.deciding):
-            guessed.append(row.name)
+    # `spread` is None where one seed alone measures the scatter, and `margin` where a number does not decide.
+    guessed = [row.name for row in rows if any(change.margin and change.spread is None for change in row.deciding)]
     if guessed:
         yield (
             "BASE has one seed, or shares only one with NEW at the same pairs, so the spread is unknown and the margin "
@@ -289,7 +282,7 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
         )
 
 
-def _conditions(start: RunStart) -> dict[str, object]:
+def _conditions_of(start: RunStart) -> dict[str, object]:
     """What numbers and times of a run depend on besides the suite, by name; None where its start does not say it."""
     fields = {"torch": start.get("packages", {}).get("torch"), **start.get("machine", {}), **start}
     return {name: fields.get(name) for name in ("torch", "processor", "capability", "device", "threads")}
@@ -309,11 +302,9 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
     subjects_of_base = {record["subject"] for record in base.stress}  # names of codecs
     subjects_of_new = {record["subject"] for record in new.stress}
     check_names("codec", codecs, subjects_of_base | subjects_of_new)
-    subjects = set(codecs)
-    if not subjects:
-        subjects = subjects_of_base
-    cells_of_base = _cells(base, subjects)
-    cells_of_new = _cells(new, subjects)
+    subjects = set(codecs) or subjects_of_base
+    cells_of_base = _cells_of_subjects(base, subjects)
+    cells_of_new = _cells_of_subjects(new, subjects)
     if not cells_of_base.keys() & cells_of_new.keys():
         return "the two stress tests have no cell in common", NOTHING
     worse = []  # the cells that held and do not any more, in words
@@ -339,10 +330,7 @@ def _failure(record: Stress | None) -> str:
     return f"held, and is now {record['verdict']}: {record['detail'] or record['figure']}"
 
 
-def _cells(run: Run, subjects: Set[str]) -> dict[str, Stress]:
+def _cells_of_subjects(run: Run, subjects: Set[str]) -> dict[str, Stress]:
     """The records of a stress test of these subjects, by the name of the cell: `CODEC: EXTREME`."""
-    cells = {}
-    for record in run.stress:
-        if record["subject"] in subjects:
-            cells[f"{record['subject']}: {record['extreme']}"] = record
-    return cells
+    records = [record for record in run.stress if record["subject"] in subjects]
+    return {f"{record['subject']}: {record['extreme']}": record for record in records}

@@ -33,8 +33,8 @@ def annotations(comparison: Comparison) -> str:
     errors = [(row.name, "; ".join(row.reasons())) for row in rows if row.forbids]
     warnings = [(row.name, "; ".join(row.reasons())) for row in comparison.having(*FORBIDDEN) if not row.forbids]
     warnings += [(row.name, row.advice) for row in comparison.rows if row.advice]
-    lines = [command("error", title, message) for title, message in _few(errors)]
-    lines += [command("warning", title, message) for title, message in _few(warnings)]
+    lines = [command("error", title, message) for title, message in _first_and_rest(errors)]
+    lines += [command("warning", title, message) for title, message in _first_and_rest(warnings)]
     return "\n".join(lines)
 
 
@@ -49,7 +49,7 @@ def _data(text: str) -> str:
     return visible(text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A"))
 
 
-def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
+def _first_and_rest(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
     """At most `MOST_ANNOTATIONS` findings, each a title and a message: the last one counts the rest, and names them."""
     if len(findings) <= MOST_ANNOTATIONS:
         return findings
@@ -98,9 +98,7 @@ def _case(row: ComparedRow, what: str, verdict: Verdict, text: str) -> Element:
         failure = SubElement(case, "failure", type=verdict.lower(), message=_legal(text))
         failure.text = _legal(f"{row.name}: {text}")
     elif verdict in (Verdict.UNLIKE, Verdict.GONE, Verdict.NEW):
-        if not text:  # a new row has no reason
-            text = verdict
-        SubElement(case, "skipped", message=_legal(text))
+        SubElement(case, "skipped", message=_legal(text or verdict))  # a new row has no reason
     return case
 
 

@@ -113,8 +113,7 @@ def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> "pd.DataFrame":
 
     columns: dict[str, pd.Series] = {}
     for name in dict.fromkeys(chain.from_iterable(rows)):
-        found = [row.get(name) for row in rows]
-        values = [nan if value is None else value for value in found]
+        values = [nan if row.get(name) is None else row[name] for row in rows]
         has_text = any(isinstance(value, str) for value in values)
         # Texts stay objects, as they are with every version of pandas.
         columns[name] = pd.Series(values, dtype=object if has_text else None)
@@ -173,7 +172,7 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
         name = job["job"]
         fit = job.get("fit_key", FitKey())
         start = starts.get(job.get("run"), RunStart())
-        own: _Row = {
+        of_job: _Row = {
             "material": job["material"],
             "surface": surfaces.get(job["material"], ""),
             "codec": job.get("codec"),
@@ -203,7 +202,7 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
             **{f"package/{package}": version for package, version in start.get("packages", {}).items()},
         }
         # First, as the columns of a job's name; and last, because a free field of a record may have such a name, too.
-        yield {**own, **flattened(job, run.timing(job)), **own} if records else own
+        yield {**of_job, **flattened(job, run.timing(job)), **of_job} if records else of_job
 
 
 def _times_of(
@@ -219,20 +218,11 @@ def _times_of(
 
     def over_floor(timing_of: Mapping[str, Timing]) -> dict[str, float]:
         """The stored median of each of the jobs that was timed; `timing_of` has timings by name of job."""
-        times = {}
-        for name, timing in timing_of.items():
-            if name in names and "ratio_to_floor" in timing:
-                times[name] = float(timing["ratio_to_floor"])
-        return times
+        timed = [(name, timing) for name, timing in timing_of.items() if "ratio_to_floor" in timing]
+        return {name: float(timing["ratio_to_floor"]) for name, timing in timed if name in names}
 
-    of_settings = {}
-    of_settings_on_gpu = {}
-    for job in jobs:
-        timing = run.setting_timing(job)
-        if timing is not None:
-            of_settings[job["job"]] = timing
-        if job["label"] in on_gpu:
-            of_settings_on_gpu[job["job"]] = on_gpu[job["label"]]
+    of_settings = {job["job"]: timing for job in jobs if (timing := run.setting_timing(job)) is not None}
+    of_settings_on_gpu = {job["job"]: on_gpu[job["label"]] for job in jobs if job["label"] in on_gpu}
     of_jobs = {timing["job"]: timing for timing in run.timings}
     return {
         EAGER: over_floor(of_settings) or over_floor(of_jobs),

@@ -71,15 +71,15 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
     Jobs that cannot stand beside the others, such as those on other data than published ones, do not count.
     """
     labels = [first, *others]
-    known = dict.fromkeys(map(shown_label, run.jobs))
+    labels_of_run = dict.fromkeys(map(shown_label, run.jobs))
     for label in labels:
-        if label not in known:
-            raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
+        if label not in labels_of_run:
+            raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(labels_of_run)}")
     # Of a job without the key of its scores nothing says at which pairs it was scored.
     scored = [job for job in run.jobs if job["status"] == "ok" and "score_key" in job]
-    obstacle = obstacles(scored, run.published)  # by name of job
-    fine = [job for job in scored if job["job"] not in obstacle]
-    return against_jobs(run, first, *(job["job"] for job in fine if shown_label(job) in labels))
+    obstacle_of = obstacles(scored, run.published)  # by name of job
+    comparable = [job for job in scored if job["job"] not in obstacle_of]
+    return against_jobs(run, first, *(job["job"] for job in comparable if shown_label(job) in labels))
 
 
 @view
@@ -93,7 +93,7 @@ def against_jobs(run: Run, first: str, *jobs: str) -> Against:
     ours = by_label.pop(first, {})
     slices_of = partial(decibels, run.folder)
 
-    @cache  # each of them is compared with all others
+    @cache  # the same slices are compared with those of each other label
     def slices_of_first(material: str, seed: int) -> np.ndarray | None:
         """The slices of the job of `first` with that material and seed."""
         return decibels(run.folder, ours[material, seed])
@@ -103,17 +103,17 @@ def against_jobs(run: Run, first: str, *jobs: str) -> Against:
     for label, theirs in by_label.items():
         both = [(job, theirs[key]) for key, job in ours.items() if key in theirs]
         try:
-            cells = _cells(both, lambda job: slices_of_first(job["material"], job["seed"]), slices_of)
+            cells = _paired_cells(both, lambda job: slices_of_first(job["material"], job["seed"]), slices_of)
         except InputError:  # slices of one codec that cannot be read must not cost the table of all others
             continue
-        found = interval(cells)
-        if found is None:  # they have no slices to compare
+        over_all = interval(cells)
+        if over_all is None:  # they have no slices to compare
             continue
-        over[label] = found
+        over[label] = over_all
         for material, cells_of_material in grouped(cells, lambda cell: cell.material).items():
-            found = interval(cells_of_material)
-            if found:
-                on.setdefault(material, {})[label] = found
+            on_material = interval(cells_of_material)
+            if on_material:
+                on.setdefault(material, {})[label] = on_material
     return Against(first, told_apart(over), on)
 
 
@@ -130,22 +130,19 @@ def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Ite
     """
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
-    return interval(_cells(pairs, partial(decibels, base.folder), partial(decibels, new.folder)))
+    return interval(_paired_cells(pairs, partial(decibels, base.folder), partial(decibels, new.folder)))
 
 
-def _cells(pairs: Iterable[tuple[Job, Job]], ours_of: Slices, theirs_of: Slices) -> list[Cell]:
-    """The cell of each two jobs that were scored at the same pairs of the same data, and have slices.
-
-    `ours_of` gives the slices of the first job of two, `theirs_of` those of the second.
-    """
+def _paired_cells(two_jobs: Iterable[tuple[Job, Job]], slices_of_first: Slices, slices_of_second: Slices) -> list[Cell]:
+    """The cell of each two jobs that were scored at the same pairs of the same data, and have slices."""
     cells = []
-    for first, second in pairs:
+    for first, second in two_jobs:
         first_key = first["score_key"]
         second_key = second["score_key"]
         if any(first_key.get(name) != second_key.get(name) for name in ("btf", "deciding")):
             continue
-        ours = ours_of(first)
-        theirs = theirs_of(second)
+        ours = slices_of_first(first)
+        theirs = slices_of_second(second)
         if ours is None or theirs is None:
             continue
         if 0 < len(ours) == len(theirs):  # slices without a number are left out, so lengths may differ

@@ -54,9 +54,7 @@ class Quantity:
         if not self.metric:
             return 0  # sizes have no version, so any two agree
         described = job["metrics"].get(self.metric)
-        if described is None:
-            return None
-        return described["version"]
+        return described["version"] if described is not None else None
 
     @property
     def scale(self) -> str:
@@ -167,9 +165,7 @@ def _pooled_metric(
             return None
         return _stored_or_infinite(stats, stats.get("pooled"), decibels)
 
-    unit = described["unit"]
-    if unit == "1":  # a plain number, which tables show without a unit
-        unit = ""
+    unit = "" if described["unit"] == "1" else described["unit"]  # tables show a plain number without a unit
     return Quantity(name, unit, described["direction"], digits, value, limit, metric, decibels)
 
 

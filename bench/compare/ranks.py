@@ -51,23 +51,22 @@ class Standing:
 
 def standings(cells: Jobs) -> list[Standing]:
     """Every codec by rank, then PSNR; one that was not measured on all materials has no rank, and comes last."""
-    on_each = [_qualities(codecs) for codecs in cells.values()]  # of each material: PSNR by label
-    values: dict[str, list[float]] = {}  # by label, one a material
-    for qualities in on_each:
-        for label, value in qualities.items():
-            values.setdefault(label, []).append(value)
+    psnr_of: dict[str, list[float]] = {}  # by label, one a material
+    for codecs in cells.values():
+        for label, psnr in _psnr_by_label(codecs).items():
+            psnr_of.setdefault(label, []).append(psnr)
     # Those measured on all materials: a rank among fewer materials would not be comparable.
-    ranked = [label for label in values if len(values[label]) == len(on_each)]
-    every = {label: Standing(label, len(of_label), fmean(of_label)) for label, of_label in values.items()}
+    ranked = [label for label in psnr_of if len(psnr_of[label]) == len(cells)]
+    standing_of = {label: Standing(label, len(values), fmean(values)) for label, values in psnr_of.items()}
     if ranked:
-        table = np.array([values[label] for label in ranked])  # (codecs, materials)
+        table = np.array([psnr_of[label] for label in ranked])  # (codecs, materials)
         wins = (table + SAME_DB >= table.max(0)).sum(1)
         for label, rank, won in zip(ranked, mean_ranks(table, SAME_DB).tolist(), wins.tolist(), strict=True):
-            every[label] = replace(every[label], rank=rank, wins=won)
-    return sorted(every.values(), key=lambda each: (each.rank is None, each.rank, -each.psnr))
+            standing_of[label] = replace(standing_of[label], rank=rank, wins=won)
+    return sorted(standing_of.values(), key=lambda standing: (standing.rank is None, standing.rank, -standing.psnr))
 
 
-def _qualities(codecs: Mapping[str, Sequence[Job]]) -> dict[str, float]:
+def _psnr_by_label(codecs: Mapping[str, Sequence[Job]]) -> dict[str, float]:
     """The mean over seeds of the mean PSNR of slices by label; absent where none was measured."""
     means = {label: mean_over(jobs, PSNR) for label, jobs in codecs.items()}
     return {label: mean for label, mean in means.items() if mean is not None}

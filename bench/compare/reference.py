@@ -123,13 +123,8 @@ def reference(run: Run, before: Run | None = None) -> str:
 
 def few_seeds(run: Run) -> list[str]:
     """The names, material/label, of rows whose seeds differ in PSNR and are too few to estimate their scatter."""
-    names = []
-    for row, jobs in by_row(run.jobs).items():
-        values = {stats_of(job, PSNR).get("mean") for job in jobs}
-        differ = len(values) != 1
-        if differ and len(jobs) < FEW_SEEDS:
-            names.append("/".join(row))
-    return names
+    few = [(row, jobs) for row, jobs in by_row(run.jobs).items() if len(jobs) < FEW_SEEDS]
+    return ["/".join(row) for row, jobs in few if len({stats_of(job, PSNR).get("mean") for job in jobs}) != 1]
 
 
 def pairs_by_seed(run: Run) -> list[str]:
@@ -152,11 +147,8 @@ def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
             continue
         quantities = deciding(jobs[0])
         draws = is_random(quantities, jobs, jobs, jobs)  # the jobs stand for base, new and reference
-        losses = {}
-        for quantity in quantities:
-            if quantity.name in (MAIN, "train"):
-                losses[quantity.name] = smallest_loss(quantity, jobs, count, draws)
-        losses_of_row[name] = losses
+        of_psnr = [quantity for quantity in quantities if quantity.name in (MAIN, "train")]
+        losses_of_row[name] = {each.name: smallest_loss(each, jobs, count, draws) for each in of_psnr}
     return losses_of_row
 
 
@@ -202,11 +194,8 @@ def _seeds_to_keep(jobs: Iterable[Job], before: Iterable[Job]) -> Iterator[Job]:
     now = {job["job"]: job for job in jobs}
     for earlier in by_row(before).values():
         unchanged = [now[job["job"]] == job for job in earlier if job["job"] in now]
-        if not unchanged or not all(unchanged):  # the codec changed, or nothing says that it did not
-            continue
-        for job in earlier:
-            if job["job"] not in now:
-                yield job
+        if unchanged and all(unchanged):  # else the codec changed, or nothing says that it did not
+            yield from (job for job in earlier if job["job"] not in now)
 
 
 def _in_order(every: Iterable[Job]) -> list[Job]:
@@ -250,9 +239,9 @@ def _reduced_scores(job: Job, whole: bool) -> dict[str, Group]:
     decides = deciding_group(job["scores"])
     names = list(metrics_of(job))
     psnr = metric_of(names, PSNR)
-    names_of_group = {decides: names if whole else [psnr, metric_of(names, FLIP)], "train": [psnr]}
-    for band in ("grazing view", "grazing light"):
-        names_of_group[f"{decides}, {band}"] = [psnr]
+    with_psnr_alone = ("train", f"{decides}, grazing view", f"{decides}, grazing light")
+    names_of_group = {group: [psnr] for group in with_psnr_alone}
+    names_of_group[decides] = names if whole else [psnr, metric_of(names, FLIP)]
     reduced = {}
     for group, chosen in names_of_group.items():
         if group in job["scores"]:
@@ -269,24 +258,18 @@ def _reduced_footprints(job: Job, whole: bool) -> dict[str, Statistics]:
 
 
 def _reduced_group(metrics: dict[str, Statistics], names: list[str], with_pooled: bool) -> Group:
-    """The named ones of the metrics of a group: the pooled number of each; of PSNR the mean over slices, and
-    `with_pooled` the pooled number, too."""
+    """The metrics of these `names` that a group has, each with its pooled number; PSNR has its mean over slices, and
+    the pooled number only `with_pooled`."""
+    of_psnr = ("pooled", "mean") if with_pooled else ("mean",)
     reduced = {}
     for name in names:
-        if name not in metrics:
-            continue
-        if name != PSNR:
-            numbers: tuple[str, ...] = ("pooled",)
-        elif with_pooled:
-            numbers = ("pooled", "mean")
-        else:
-            numbers = ("mean",)
-        reduced[name] = _reduced_statistics(metrics[name], *numbers)
+        if name in metrics:
+            reduced[name] = _reduced_statistics(metrics[name], *(of_psnr if name == PSNR else ("pooled",)))
     return {"metrics": reduced}
 
 
 def _reduced_statistics(stats: Statistics, *numbers: str) -> Statistics:
-    """The named numbers; if one is None, also the fields that tell whether it is exact or was never measured."""
+    """Only these `numbers`; if one is None, also the fields that tell whether it is exact or was never measured."""
     reduced = {name: stats[name] for name in numbers if name in stats}
     if None in reduced.values():  # JSON has no infinity: a PSNR without error is None, too
         reduced |= {key: stats[key] for key in ("exact", "slices")}

@@ -60,13 +60,13 @@ def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
 def multiples(jobs: Iterable[Job], timings: Iterable[Timing]) -> dict[tuple[str, str], Multiple]:
     """Times over the seeds of each row, (material, label); rows without a time are left out."""
     timing_of = {timing["job"]: timing for timing in timings if "ratio_to_floor" in timing}
-    found = {}
+    multiple_of = {}
     for row, jobs_of_row in by_row(job for job in jobs if job["job"] in timing_of).items():
         of_row = [timing_of[job["job"]] for job in jobs_of_row]
         mean = fmean(timing["ratio_to_floor"] for timing in of_row)
         lows, highs = zip(*(timing["ratio_interval95"] for timing in of_row), strict=True)
-        found[row] = Multiple(mean, (min(lows), max(highs)), [of_row[0].get(name) for name in CONDITIONS])
-    return found
+        multiple_of[row] = Multiple(mean, (min(lows), max(highs)), [of_row[0].get(name) for name in CONDITIONS])
+    return multiple_of
 
 
 @dataclass(frozen=True)
@@ -148,39 +148,36 @@ def compare_row(
     """
     any_job, *_ = [*before, *after]
     material, label = any_job["material"], any_job["label"]
-    base = [job for job in before if job["status"] == "ok"]
+    finished = [job for job in before if job["status"] == "ok"]
     new = [job for job in after if job["status"] == "ok"]
-    unfinished, why = _verdict_on_unfinished(base, after, declared)  # None and "" unless jobs failed or vanished
-    if not base or not new:
+    unfinished, why = _verdict_on_unfinished(finished, after, declared)  # None and "" unless jobs failed or vanished
+    if not finished or not new:
         return ComparedRow(material, label, unfinished or Verdict.NEW, why)
     # A base may hold seeds of several versions of a codec. Those unlike the first tell nothing of its scatter.
-    base = [job for job in base if not why_fits_unlike(base[0], job)]
+    base = [job for job in finished if not why_fits_unlike(finished[0], job)]
     ours, theirs = _jobs_of_shared_seeds(base, new)  # of base, and of new
-    obstacle = _mixed(new) or _first_obstacle(base, ours, theirs)
+    obstacle = _why_new_is_mixed(new) or _first_obstacle(base, ours, theirs)
     changes = [] if obstacle else _changes(runs, ours, theirs, base)
     if not changes:
-        why = why or obstacle or "neither record has a score"
-        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, why)
+        reason = why or obstacle or "neither record has a score"
+        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, reason)
     others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
-    notes = []
     settings = other_settings(base[0], new[0])  # "" if they are the same
-    if settings:
-        notes.append(f"settings: {settings}")
+    notes = [f"settings: {settings}"] if settings else []
     seeds = tuple(job["seed"] for job in theirs)
     verdict = unfinished or gravest_verdict(changes)
     return ComparedRow(material, label, verdict, why, seeds, changes, others, timing, notes)
 
 
-def _mixed(new: list[Job]) -> str:
+def _why_new_is_mixed(new: list[Job]) -> str:
     """Why one of the jobs of new cannot stand beside its newest seed, as after a run that ended early; "" if each can.
 
     The jobs of a reference do not name their runs, so which is the newest is not known.
     """
-    of_runs = [job for job in new if job.get("run")]
-    unlike = obstacles(of_runs)
-    for job in of_runs:
-        if job["job"] in unlike:
-            return f"seed {job['seed']}: {unlike[job['job']]}: give the command of the run again"
+    obstacle_of = obstacles([job for job in new if job.get("run")])
+    for job in new:
+        if job["job"] in obstacle_of:
+            return f"seed {job['seed']}: {obstacle_of[job['job']]}: give the command of the run again"
     return ""
 
 
@@ -190,11 +187,8 @@ def _first_obstacle(base: list[Job], ours: list[Job], theirs: list[Job]) -> str:
     It is compared with the job of its seed among `ours` or, if they share no seed, with the first of the base.
     """
     job_of_seed = {job["seed"]: job for job in ours}
-    for job in theirs:
-        reason = why_unlike(job_of_seed.get(job["seed"], base[0]), job)
-        if reason:
-            return reason
-    return ""
+    reasons = (why_unlike(job_of_seed.get(job["seed"], base[0]), job) for job in theirs)
+    return next(filter(None, reasons), "")
 
 
 def gravest_verdict(changes: list[Change]) -> Verdict:
@@ -215,13 +209,8 @@ def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: li
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
         return []
     base_run, new_run = runs
-    interval = interval_between_runs(base_run, ours, new_run, theirs)
-    with_interval = []
-    for change in changes:
-        if change.quantity.name == MAIN:  # the interval is of its differences slice by slice
-            change = replace(change, interval=interval)
-        with_interval.append(change)
-    return with_interval
+    interval = interval_between_runs(base_run, ours, new_run, theirs)  # of the differences of PSNR, slice by slice
+    return [replace(change, interval=interval if change.quantity.name == MAIN else None) for change in changes]
 
 
 def _jobs_of_shared_seeds(base: list[Job], new: list[Job]) -> tuple[list[Job], list[Job]]:

@@ -87,8 +87,8 @@ def bd_rate(ours: Curve, theirs: Curve) -> float | None:
     lines = []  # of log bytes over values
     for curve in (ours, theirs):
         highest = np.maximum.accumulate(curve.values).tolist()
-        reached = highest.index(highest[-1]) + 1  # so many points; more bytes add nothing from the last of them on
-        lines.append((highest[:reached], curve.sizes[:reached]))
+        count = highest.index(highest[-1]) + 1  # from this point on, more bytes add nothing
+        lines.append((highest[:count], curve.sizes[:count]))
     (our_values, _), (their_values, _) = lines
     if our_values[0] > their_values[-1]:
         return -1.0
@@ -119,7 +119,7 @@ def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
 
 
 def interval_over_surfaces(drawn: np.ndarray) -> tuple[float, float]:
-    """The 95 % interval of a median over surfaces, of `drawn` (surfaces, draws): values of each for drawn seeds.
+    """The 95 % interval of a median over surfaces; `drawn` (surfaces, draws) has a value for each draw of their seeds.
 
     Surfaces and seeds are drawn with replacement. Draws of a few surfaces scatter less than new surfaces would, so the
     percentiles lie further out than 2.5 and 97.5: as far as Student's t does (Hesterberg, "What teachers should know
@@ -138,8 +138,8 @@ def interval_over_surfaces(drawn: np.ndarray) -> tuple[float, float]:
 
 @lru_cache(maxsize=4)  # the intervals of a table mostly draw from as many surfaces and seeds, by kind and over all
 def _draws_of_surfaces_and_seeds(count: int, draws: int) -> tuple[np.ndarray, np.ndarray]:
-    """For each resample as many of `count` surfaces, and of each of these one of the `draws` of its seeds; each
-    (RESAMPLES, count)."""
+    """The numbers of `count` drawn surfaces for each resample, and for each of these one of `draws` draws of its seeds;
+    both (RESAMPLES, count)."""
     rng = np.random.default_rng(SEED)
     surfaces = rng.integers(0, count, (RESAMPLES, count))
     return surfaces, rng.integers(0, draws, surfaces.shape)
@@ -203,7 +203,7 @@ def told_by_holm(chances: Sequence[float]) -> list[bool]:
     told = [False] * len(chances)
     for before, place in enumerate(np.argsort(chances, kind="stable")):
         limit = ALPHA / (len(chances) - before)  # after Holm: over the number of those not yet told apart
-        if not chances[place] <= limit:  # also if it is no number
+        if not chances[place] <= limit:  # also if the chance is NaN
             break  # none with a larger chance is told apart either
         told[place] = True
     return told

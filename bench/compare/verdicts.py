@@ -110,37 +110,40 @@ def judge(
     `reference` holds all seeds of the base, of which `base` are those to compare. `draws` says that the codec is
     random, even if the seeds agree in this quantity; sizes, which have no metric, are judged by their own seeds.
     """
-    before = [quantity.value(job) for job in base]
     after = [quantity.value(job) for job in new]
-    values = _scatter_values(quantity, base, new, reference)
-    paired = not same_pairs(reference)  # each seed has test pairs of its own, so only equal seeds are compared
     same_files = bool(quantity.metric) and _wrote_same_files(base, new)
-    if quantity.tolerance is not None and not (paired or same_files or _gave_same_numbers(before, after)):
-        # Every seed is scored at the same pairs, so all seeds of the base say equally much.
-        base = reference
-        before = values
-    obstacle = _obstacle(quantity, base[0], new[0], before, after)
+    in_mean = _jobs_in_mean(quantity, base, after, reference, same_files)
+    before = [quantity.value(job) for job in in_mean]
+    obstacle = _obstacle(quantity, in_mean[0], new[0], before, after)
     if obstacle:
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=obstacle)
-    # Sizes have no metric. Their scatter is judged by their own numbers, a metric's by whether files are the same.
-    if quantity.metric:
-        certain = same_files or one_file(reference)  # whether no chance is in the difference
-        scatters = draws and not same_files
-    else:
-        certain = False
-        scatters = not agree(quantity, base, new, reference)
+    certain = bool(quantity.metric) and (same_files or one_file(reference))  # whether no chance is in the difference
+    values = _scatter_values(quantity, base, new, reference)
     spread = 0.0 if certain else _spread(values)
     change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:  # it does not decide
         return change
+    # Sizes have no metric. Their scatter is judged by their own numbers, a metric's by whether files are the same.
+    scatters = draws and not same_files if quantity.metric else not agree(quantity, base, new, reference)
     if not scatters:
         chance = None
-    elif quantity.metric and paired:
+    elif quantity.metric and not same_pairs(reference):
         chance = _paired_scatter(values)
     else:
-        chance = scatter(values, after, len(base))
+        chance = scatter(values, after, len(in_mean))
     allowed = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
     return replace(change, verdict=verdict(change.loss, allowed), margin=allowed, chance=chance)
+
+
+def _jobs_in_mean(
+    quantity: Quantity, base: Sequence[Job], after: Values, reference: Sequence[Job], same_files: bool
+) -> Sequence[Job]:
+    """The jobs of the base over which its mean is: `base`, or all of `reference`; `after` are the numbers of new."""
+    if quantity.tolerance is None or same_files or not same_pairs(reference):
+        return base
+    if _gave_same_numbers([quantity.value(job) for job in base], after):
+        return base
+    return reference  # every seed is scored at the same pairs, so all seeds of the base say equally much
 
 
 def _gave_same_numbers(base: Values, new: Values) -> bool:
@@ -224,13 +227,13 @@ def _paired_scatter(differences: Values) -> Chance | None:
     return Chance(stdev(finite) / math.sqrt(len(finite)), len(finite) - 1)
 
 
-def scatter(known: Values, new: Values, count: int) -> Chance | None:
+def scatter(of_base: Values, new: Values, count: int) -> Chance | None:
     """The scatter of a difference: the mean of the numbers `new`, one a seed, minus that of `count` seeds of the base.
 
-    `known` are the numbers of all seeds of the base, from which the scatter of one seed is estimated; None if fewer
+    `of_base` are the numbers of all seeds of the base, from which the scatter of one seed is estimated; None if fewer
     than two of them are finite. If they are few, those of new help.
     """
-    finite = _finite(known)
+    finite = _finite(of_base)
     finite_new = _finite(new)
     if len(finite) < 2 or not new:
         return None
@@ -255,14 +258,14 @@ def _unit(tolerance: Tolerance, finite: list[float]) -> float:
     return 1.0
 
 
-def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
+def margin(tolerance: Tolerance, values: Values, chance: Chance | None) -> float:
     """The margin that a change must exceed to count; see the module.
 
-    `known` are the numbers that measure the scatter, one a seed; `chance` is that scatter, None where seeds agree, so
+    `values` are the numbers that measure the scatter, one a seed; `chance` is that scatter, None where seeds agree, so
     that the codec counts as deterministic.
     """
-    unit = _unit(tolerance, _finite(known))
-    if len(known) < 2:  # one seed, so the scatter is unknown
+    unit = _unit(tolerance, _finite(values))
+    if len(values) < 2:  # one seed, so the scatter is unknown
         return unit * tolerance.one_seed
     if chance is None:
         return unit * tolerance.certain
@@ -308,10 +311,8 @@ def why_fits_unlike(base: Job, new: Job) -> str:
 
 def why_unlike(base: Job, new: Job) -> str:
     """Why no numbers of two jobs may be compared (unlike fits, other pairs or another exposure); "" if they may."""
-    reasons = []
     reason_of_fits = why_fits_unlike(base, new)  # "" if the fits are of one kind
-    if reason_of_fits:
-        reasons.append(reason_of_fits)
+    reasons = [reason_of_fits] if reason_of_fits else []
     if base["fit_key"]["training"] == new["fit_key"]["training"]:  # other data have other pairs and exposure as well
         reasons += scored_unlike(base["score_key"], new["score_key"])
     return ", ".join(reasons)
@@ -342,10 +343,7 @@ def verdict(loss: float, margin: float) -> Verdict:
     """Whether a loss exceeds its margin, or a gain does, which is a negative loss."""
     if loss > margin:
         return Verdict.WORSE
-    gain = -loss
-    if gain > margin:
-        return Verdict.BETTER
-    return Verdict.SAME
+    return Verdict.BETTER if -loss > margin else Verdict.SAME
 
 
 def _spread(values: Values) -> float | None:
