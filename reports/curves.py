@@ -63,7 +63,7 @@ def _differences_to_against(rungs: Rungs) -> Parts:
         values[[kind, f"{kind} low", f"{kind} high"]] = on_all[["median", "low", "high"]].reindex(values.index)
     values["rate"] = [100 * _median_rate(rungs, line) for line in values.index]
     values = values.sort_values("median", ascending=False, kind="stable")
-    star = f"None is told apart: that takes {LEAST_SURFACES} surfaces."
+    star = f"None is told apart from 0: that takes {LEAST_SURFACES} surfaces."
     if (values["surfaces"] >= LEAST_SURFACES).any():
         star = f"*: told apart: at least {LEAST_SURFACES} surfaces, and an interval without 0."
     notes = [

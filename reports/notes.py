@@ -76,7 +76,9 @@ def recipe_notes(materials: Iterable[MaterialRows]) -> list[str]:
     """The note on what the label of a codec with recipes means, if there is one with its default."""
     settings = [row.job.get("settings", {}) for material in materials for row in material.measured]
     if any(of_job.get("recipe") == "ours" for of_job in settings):
-        return [Note(about_quality("Rows without recipe=paper are fitted by our recipe, not by that of a paper."))]
+        return [
+            Note(about_quality("Rows without recipe=paper are fitted by this suite's recipe, not by that of a paper."))
+        ]
     return []
 
 

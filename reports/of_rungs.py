@@ -75,7 +75,8 @@ def lead_notes(values: pd.DataFrame) -> Iterator[str]:
         yield "*: told apart: the interval leaves out 0."
     elif len(leads):
         few = leads["surfaces"].max() < LEAST_SURFACES
-        yield f"None is told apart: that takes {LEAST_SURFACES} surfaces." if few else "None is told apart."
+        told = "No lead is told apart from 0"
+        yield f"{told}: that takes {LEAST_SURFACES} surfaces." if few else f"{told}."
 
 
 def why_absent(leader: str) -> str:

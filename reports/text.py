@@ -3,7 +3,8 @@ r"""Tables as plain text, GitHub Markdown, CSV and LaTeX.
 What is written may come from outside, such as a codec's name, so `visible` writes control characters out (`\x1b`), and
 each format escapes its own special characters.
 
-LaTeX needs `\usepackage{booktabs,graphicx}`; no table is wider than the text, in one column or over both of two.
+LaTeX needs `\usepackage{booktabs,graphicx}`. No table is wider than the text; in a document of two columns those of more
+than `ONE_COLUMN` columns stand over both.
 """
 
 import csv
@@ -33,6 +34,7 @@ _IN_BRACKETS = re.compile(r" \([^()]*\)")
 _SENTENCE_END = re.compile(r"(?<=[.]) ")
 # The box of a table, scaled down to the width of the text, never up.
 _FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi"
+ONE_COLUMN = 4  # columns of a table that stands in one column of a document
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
 _LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
 # Characters that LaTeX has in mathematics alone, and the others that it takes for commands or lacks. pdflatex knows of
@@ -209,7 +211,7 @@ def _csv(rows: Iterable[Sequence[str | None]]) -> str:
 
 
 def latex(tables: Sequence[Table]) -> str:
-    """Tables to be `\\input`, each a `table*` with its notes below it and a label.
+    """Tables to be `\\input`, each a `table` or a `table*` with its notes below it and a label.
 
     The label is `tab:summary` for the only table of a kind, if it is not of one material, and else as `label` says.
     """
@@ -241,7 +243,7 @@ def latex_escaped(text: str) -> str:
 
 
 def _latex(table: Table, label: str) -> str:
-    """One table as a `table*`. In a table of words alone the last column is folded.
+    """One table as a `table`, or a `table*` over two columns. In a table of words alone the last column is folded.
 
     The table is set into a box first, so that `_FITTED` can measure its width.
     """
@@ -260,14 +262,20 @@ def _latex(table: Table, label: str) -> str:
     for (row, column), mark in table.marks.items():
         cells[row][column] = _LATEX_MARKS[mark] % cells[row][column]
     rows = [_latex_line(line) for line in cells]
-    lines = [r"\begin{table*}", r"\centering", rf"\caption{{{latex_escaped(table.title)}}}", rf"\label{{{label}}}"]
+    environment = "table" if len(table.headers) <= ONE_COLUMN else "table*"
+    lines = [
+        rf"\begin{{{environment}}}",
+        r"\centering",
+        rf"\caption{{{latex_escaped(table.title)}}}",
+        rf"\label{{{label}}}",
+    ]
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
     lines += [r"\toprule", *heads, r"\midrule", *rows]
     lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
     notes = " ".join(latex_escaped(note) for note in map(_for_a_paper, table.footnotes) if note)
     if notes:
         lines += [r"\par\smallskip\begin{minipage}{\linewidth}\raggedright\scriptsize", notes, r"\end{minipage}"]
-    return "\n".join([*lines, r"\end{table*}", ""])
+    return "\n".join([*lines, rf"\end{{{environment}}}", ""])
 
 
 def _for_a_paper(note: str) -> str:
