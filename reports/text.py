@@ -3,8 +3,8 @@ r"""Tables as plain text, GitHub Markdown, CSV and LaTeX.
 What is written may come from outside, such as a codec's name, so `visible` writes control characters out (`\x1b`), and
 each format escapes its own special characters.
 
-LaTeX needs `\usepackage{booktabs,graphicx}`. No table is wider than the text; in a document of two columns those of more
-than `ONE_COLUMN` columns stand over both.
+LaTeX needs `\usepackage{booktabs,graphicx}`. No table is wider than the text; those of more
+than `ONE_COLUMN` columns stand over both columns of a document that has two.
 """
 
 import csv
