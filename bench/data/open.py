@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from bench.btf import BTF, Array, ArraySource
 from bench.codec import Progress, silent
 from bench.data.kinds import LoadTracer, kind_of
-from bench.data.readers.checks import negative, no_duplicates, radiance_fault, unit_directions, warn_of_radians
+from bench.data.readers.checks import negative_fault, no_duplicates, radiance_fault, unit_directions, warn_of_radians
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Seed, converted
@@ -102,7 +102,7 @@ def from_arrays(
             fault = f"{bad:,} of {picture.size:,} values are not finite (NaN or infinite): mend them"
             remedy = "leave the pair out, or save radiance, wo and wi by numpy.savez and bench.open(path, repair=True)"
             raise InputError(f"radiance[{row}]: {fault}, {remedy}")
-    warning = negative(values)
+    warning = negative_fault(values)
     if warning:
         log.warning("%s: %s", name, warning)
     warn_of_radians(views, lights, "wo and wi")

@@ -23,7 +23,7 @@ import numpy as np
 from bench.btf import BTF, Array, Layout, box_filter
 from bench.data.half_vectors import LEAST_PAIRS, HalfVectors, half_vectors
 from bench.data.materials import maps
-from bench.data.readers.checks import codes, negative
+from bench.data.readers.checks import codes_fault, negative_fault
 from bench.directions.hemisphere import thin, to_degrees
 from bench.files.atomic import replacing
 from bench.files.plots import default_settings
@@ -154,7 +154,7 @@ class Look:
 
     def warnings(self) -> list[str]:
         """One sentence for each likely fault, with its probable cause; none for sound data."""
-        sentences = [self._fall_fault(), self._clipping_fault(), codes(self.values), negative(self.values)]
+        sentences = [self._fall_fault(), self._clipping_fault(), codes_fault(self.values), negative_fault(self.values)]
         sentences += [self._product_fault(), self._azimuths_fault(), self.exposed.fault, *self._seam_faults()]
         return [sentence for sentence in sentences if sentence]
 

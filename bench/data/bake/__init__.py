@@ -153,10 +153,9 @@ def _render_to(
     # A path tracer takes long, so its finished slices are kept for the case that it is stopped.
     if path_tracer:
         unfinished = UnfinishedBake(out, _values_key(surface, wo, wi, provenance), values_shape)
-        show(label, unfinished.done, len(wo))
-        for slices in path_tracer.launches(
-            surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=unfinished.done
-        ):
+        start = unfinished.done
+        show(label, start, len(wo))
+        for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=start):
             unfinished.add(slices)
             show(label, unfinished.done, len(wo))
         write(unfinished.values)

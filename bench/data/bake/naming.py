@@ -188,7 +188,7 @@ def _second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict[str,
 
     `by_user` (role → file) are the files that the user names.
     """
-    reasons = {}
+    reasons: dict[str, str] = {}
     for choice in _CHOICES:
         roles = [role for role in choice if role in files]
         # The user's file comes first, and then the order of the choice, which sorting keeps among equals.
