@@ -256,7 +256,7 @@ def what_is_needed(needed: NeededPart, btf: BTF) -> str:
     return "; ".join(words)
 
 
-def outside(scorer: FrameScorer, material: Material) -> float | None:
+def psnr_outside(scorer: FrameScorer, material: Material) -> float | None:
     """Display PSNR in dB, pooled, of slices at pairs that the scene does not use, against the BTF; None if it uses all,
     or without error. Measured at `OUTSIDE_PAIRS` pairs, evenly among them."""
     untouched = np.flatnonzero(scorer.shares == 0)
@@ -269,7 +269,7 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
     return as_number(float(psnr(float(np.mean(errors)), peak=1.0)))
 
 
-def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
+def psnr_held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
     """The mean display PSNR in dB of slices at the held-out pairs that lie in the scene, weighted by the demand around
     them; None if there is none. `btf` has held-out pairs alone. No fit saw them, unlike the pairs of the frames."""
     shares = shares_of_others(scorer.btf.layout, scorer.demand, btf.wo, btf.wi)
@@ -313,8 +313,8 @@ def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> 
                 "seconds": model.seconds,
                 "psnr": model.psnr,
                 "flip": model.flip,
-                "outside": outside(scorer, model.material),
-                "held_out": held_out(held, scorer, model.material),
+                "outside": psnr_outside(scorer, model.material),
+                "held_out": psnr_held_out(held, scorer, model.material),
                 "settings": model.header.settings,
             }
         )

@@ -55,11 +55,11 @@ class TextScene:
         """Every light that may reach the points; for an environment, a few samples at each."""
         lights: list[Light] = []
         for source in self.scene.lights:
-            lights += _reaching(source, points, rng)
+            lights += _light_of(source, points, rng)
         return lights
 
 
-def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> list[Light]:
+def _light_of(source: LightSource, points: Points, rng: np.random.Generator) -> list[Light]:
     """The light of one source at each point, shadows left aside: once, or in the samples of an environment."""
     ones = np.ones((len(points), 1))
     match source.kind:

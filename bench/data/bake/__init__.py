@@ -113,7 +113,7 @@ def bake(
     resumes from them. Raises `InputError` if `out` cannot be written or counts are out of range.
     """
     check_place(out)
-    wo, wi = data.everything(surface.name, seed)
+    wo, wi = data.all_pairs(surface.name, seed)
     heldout = None
     if data.heldout:  # the held-out pairs come after the product
         heldout = np.arange(len(wo)) >= data.views * data.lights
