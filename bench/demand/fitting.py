@@ -111,8 +111,8 @@ class Goal:
     flip: float | None = None
 
     def met(self, model: "Model") -> bool:
-        """Whether a model reaches the goal. A PSNR of None is of no error; a FLIP of None was not measured."""
-        psnr_is_enough = self.psnr is None or model.psnr is None or model.psnr >= self.psnr
+        """Whether a model reaches the goal; a FLIP of None was not measured."""
+        psnr_is_enough = self.psnr is None or model.psnr_or_infinite >= self.psnr
         flip_is_enough = self.flip is None or model.flip is None or model.flip <= self.flip
         return psnr_is_enough and flip_is_enough
 
@@ -127,6 +127,11 @@ class Model:
     flip: float | None
     steps: int  # steps of the fit; 0 if it has none
     seconds: float  # of the fit, processor time
+
+    @property
+    def psnr_or_infinite(self) -> float:
+        """The PSNR in dB, to compare by; infinite without error."""
+        return np.inf if self.psnr is None else self.psnr
 
 
 @dataclass(frozen=True)
@@ -165,7 +170,7 @@ class Search:
     def run(self, goal: Goal | None = None) -> SearchResult:
         """Search; the default goal is the PSNR of the full model less `EQUAL_DB`, or no error if it has none."""
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
-        goal = goal or Goal(psnr=_psnr_or_infinite(full) - EQUAL_DB)
+        goal = goal or Goal(psnr=full.psnr_or_infinite - EQUAL_DB)
         models = list(self.ladder(goal))
         seconds = sum(model.seconds for model in models)
         scene, why = self._best_of(models, full, goal)
@@ -181,8 +186,8 @@ class Search:
                 return None, "the scene needs everything"
             return smallest, what_is_needed(self.problem.needed, self.btf)
         # If the full model misses the goal, too, the better of the two is chosen.
-        finest = max(models, key=_psnr_or_infinite)
-        is_better = not full_meets and _psnr_or_infinite(finest) > _psnr_or_infinite(full)
+        finest = max(models, key=lambda model: model.psnr_or_infinite)
+        is_better = not full_meets and finest.psnr_or_infinite > full.psnr_or_infinite
         return finest if is_better else None, "no model of the scene is as good"
 
     def ladder(self, goal: Goal) -> Iterator[Model]:
@@ -220,11 +225,6 @@ class Search:
         score = self.scorer.score(material, (PSNR, FLIP))
         steps = int(fit.history[-1]["step"]) if fit.history else 0
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
-
-
-def _psnr_or_infinite(model: Model) -> float:
-    """The PSNR of a model in dB, to sort by; infinite for one without error."""
-    return np.inf if model.psnr is None else model.psnr
 
 
 def steps_of(codec: Codec) -> int:

@@ -73,15 +73,16 @@ def _filtered_at(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch
         # A level between two whole ones is a linear mixture of these: shares fall from 1 to 0 over one level.
         share = (1 - (level - number).abs()).clamp_min(0)
         some = share > 0
-        if some.any():
-            texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
-            # A level omits texels on the right and at the bottom that do not fill a box, so uv is stretched from the
-            # top left corner, where v is 1.
-            height, width = picture.shape[:2]
-            down = height / (height // 2**number * 2**number)
-            across = width / (width // 2**number * 2**number)
-            uv_of_level = torch.stack([uv[some, 0] * across, 1 - (1 - uv[some, 1]) * down], 1)
-            out[some] += share[some, None] * sample_texture(texture, uv_of_level)
+        if not some.any():
+            continue
+        texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
+        # A level omits texels on the right and at the bottom that do not fill a box, so uv is stretched from the top
+        # left corner, where v is 1.
+        height, width = picture.shape[:2]
+        down = height / (height // 2**number * 2**number)
+        across = width / (width // 2**number * 2**number)
+        uv_of_level = torch.stack([uv[some, 0] * across, 1 - (1 - uv[some, 1]) * down], 1)
+        out[some] += share[some, None] * sample_texture(texture, uv_of_level)
     return out
 
 
