@@ -177,7 +177,7 @@ def _column_seems_radians(values: Array, is_theta: bool) -> bool:
 
     Their spread must be that of radians, too: a camera that hardly moved has angles of a degree or so.
     """
-    around_0 = values if is_theta else np.abs((values + 180) % 360 - 180)
+    around_0 = values if is_theta else _around_0(values)
     if not around_0.size or np.allclose(around_0, np.round(around_0), atol=1e-3):
         return False
     low, high = float(around_0.min()), float(around_0.max())
@@ -191,10 +191,13 @@ def _seem_radians(theta: Array, phi: Array) -> bool:
 
     False if every θ is 0, which means the same in both units.
     """
-    # |φ| once φ is brought to [−180, 180), because 359 degrees are as near 0 as 1 degree is.
-    around_0 = np.abs((phi + 180) % 360 - 180)
     # Just above π / 2 = 1.571 and 2 π = 6.283.
-    return bool(0 < theta.max() < 1.6 and around_0.max() < 6.3)
+    return bool(0 < theta.max() < 1.6 and _around_0(phi).max() < 6.3)
+
+
+def _around_0(phi: Array) -> Array:
+    """|φ| in degrees once φ is brought to [−180, 180), because 359 degrees are as near 0 as 1 degree is."""
+    return np.asarray(np.abs((phi + 180) % 360 - 180))
 
 
 def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
