@@ -1,4 +1,4 @@
-"""Joins tables of one surface into one BTF: pairs to train on, held-out ones, those that choose settings, of low light.
+"""Joins tables of one surface into one BTF: pairs to train on, to test, to choose settings by, and of low light.
 
 A *table* is the pairs of one of these four kinds (`bench.data.spec.Table`), or some held-out pairs between texels. Each
 is rendered into a file of its own, so that another draw of test pairs renders only their table again. A *part* of a

@@ -220,8 +220,8 @@ class _Slices:
 
 
 def look(btf: BTF) -> Look:
-    """The findings from at most about 150 slices of a BTF, which are read one at a time, and the extremes of all where
-    it is small. Pairs of low light are not looked at."""
+    """The findings from at most about 150 slices of a BTF, read one at a time; of a small BTF the extremes are those of
+    all slices. Pairs of low light are not looked at."""
     low_light = btf.subset(btf.split().low_light)
     btf = btf.without_low_light()
     lobe = mean_lobe(btf)
@@ -267,8 +267,8 @@ def look(btf: BTF) -> Look:
 
 
 def _exposed(btf: BTF, values: list[Array], is_small: bool) -> Exposed:
-    """The exposure and what it makes of a BTF: of its training and test pairs, or of the `values` of those that were
-    read where it is large."""
+    """The exposure of a small BTF's training pairs and what it makes of the test pairs; of a large BTF the exposure of
+    the `values` that were read, and what it makes of these."""
     if not is_small:
         return exposed(values, exposure_of(np.stack(values)))
     split = btf.split()

@@ -234,11 +234,11 @@ def _cache_key(map_files: MapFiles, size: int, pair_notes: dict[str, Any]) -> st
 
 
 def _read_differently_before(map_files: MapFiles) -> list[str]:
-    """The maps that an earlier program with the same `BAKE_VERSION` may have read differently, for the key of a bake.
+    """Words for the maps that an earlier program with the same `BAKE_VERSION` may have read differently.
 
-    With these words in the key, such a bake in the cache is not used, while those of all other maps stay valid. They
-    are an albedo of another colour space, told by its `colour_note`, and by their roles normals in PNG, which may be
-    drawn flat, and normals and heights in EXR or `.hdr`.
+    They stand in the key of a bake, so that a bake by such a program is not used, while bakes of all other maps stay
+    valid. The maps are an albedo of another colour space (its `colour_note`), normals in PNG, which may be drawn flat,
+    and normals and heights in EXR or `.hdr` (the role of each).
     """
     files = FolderFiles(map_files.folder)
     formats = {role: picture_format(files.head(name, 8)) for role, name in map_files.files.items()}

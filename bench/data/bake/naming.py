@@ -162,7 +162,7 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
 
 
 def _equal_files(folder: Path, role: str, several: list[str]) -> dict[str, str]:
-    """The files of a role but the first, all of which equal it (file → that reason). `InputError` if one does not."""
+    """All files of a role but the first (file → why it is not used); `InputError` unless they equal the first."""
     first, *others = several
     if not all(filecmp.cmp(folder / first, folder / other, shallow=False) for other in others):
         remedy = f"keep one in the folder, or give bake --map {role}=FILE"
@@ -266,7 +266,7 @@ def _without_start(words: list[str], start: list[str]) -> list[str]:
 
 
 def _last_letter(words: list[str]) -> str:
-    """The last word of a name if it is a single letter; else "". A size after it is skipped: n of `rock_n_2k`."""
+    """The last word of a name, before a size, if it is a single letter, as the n of `rock_n_2k`; else ""."""
     end = len(words)
     while end and (words[end - 1].isdigit() or words[end - 1] == "k"):
         end -= 1

@@ -76,11 +76,11 @@ class _Header:
 
 
 def _header(files: Files, name: str, is_colour: bool = True, rgb_is_xyz: bool = False) -> _Header:
-    """What the header of a picture says; its colour space is not looked at without `is_colour`, nor, with
-    `rgb_is_xyz`, that of an EXR.
+    """What the header of a picture says.
 
-    Reads the start of the file, or all of it if the header is long. `InputError` for a file that is no supported
-    picture, is damaged, claims an absurd size, or states a colour space that cannot be converted.
+    The colour space that it states does not count without `is_colour`; that of an EXR does not with `rgb_is_xyz`. Reads
+    the start of the file, or all of it if the header is long. `InputError` for a file that is no supported picture, is
+    damaged, claims an absurd size, or states a colour space that cannot be converted.
     """
     label = files.label(name)
     file_bytes = files.size(name)
@@ -224,13 +224,13 @@ class PictureSource(Source):
         """The notes for a provenance, by key: colour spaces that are converted, and what is ignored; {} if neither."""
         notes = {}
         if self.colours:
-            notes["colour_profiles"] = f"converted to linear Rec. 709 from {self._listed(list(self.colours.values()))}"
+            notes["colour_profiles"] = f"converted to linear Rec. 709 from {self._counted(list(self.colours.values()))}"
         if self.ignored:
-            notes["ignored"] = self._listed(self.ignored)
+            notes["ignored"] = self._counted(self.ignored)
         return notes
 
-    def _listed(self, words: list[str]) -> str:
-        """Words of pictures, each with the number of pictures that have them."""
+    def _counted(self, words: list[str]) -> str:
+        """A list of what pictures state, in words, each with the number of pictures that state it."""
         counts = sorted(Counter(words).items())
         return ", ".join(f"{word} ({count} of {self.count} pictures)" for word, count in counts)
 
