@@ -73,7 +73,7 @@ class _Chosen(Source):
         return digest.hexdigest()
 
 
-def alone(btf: BTF) -> BTF:
+def over_own_pairs(btf: BTF) -> BTF:
     """The BTF over a source of its pairs alone, so that others are neither read nor repaired nor copied."""
     return replace(btf, source=_Chosen(btf.source, btf.pairs), pairs=np.arange(len(btf)))
 

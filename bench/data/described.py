@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array, Layout
-from bench.data.half_vectors import HalfVectors
 from bench.data.portrait import Look
 from bench.directions.hemisphere import to_degrees
 
@@ -14,7 +13,7 @@ from bench.directions.hemisphere import to_degrees
 def btf_fields(portrait: Look) -> dict[str, Any]:
     """Size, directions, split, range of values and reader's notes of a BTF, what was found of its azimuths, and
     warnings."""
-    btf = portrait.btf
+    btf, halves = portrait.btf, portrait.half_vectors
     split = btf.split()
     low, high = portrait.extremes
     return {
@@ -29,7 +28,7 @@ def btf_fields(portrait: Look) -> dict[str, Any]:
         "values": {"minimum": float(low), "median": float(np.median(portrait.values)), "maximum": float(high)},
         "exposed": portrait.exposed._asdict(),
         "views": len(portrait.layout.views),
-        "half_vectors": _of_half_vectors(portrait.half_vectors),
+        "half_vectors": asdict(halves) | {"likely": halves.likely} if halves else None,
         "lobe": asdict(portrait.lobe) if portrait.lobe else None,
         "fingerprint": btf.fingerprint,
         "provenance": btf.provenance,
@@ -53,8 +52,3 @@ def _pairs_fields(btf: BTF, pairs: Array) -> dict[str, Any]:
         "light_theta_deg": float(light_theta.max()),
         "product": layout.grid is not None,
     }
-
-
-def _of_half_vectors(found: HalfVectors | None) -> dict[str, Any] | None:
-    """What half vectors say of the light's frame, and which frame is likely; None where they say nothing."""
-    return {**asdict(found), "likely": found.likely} if found else None

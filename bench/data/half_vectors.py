@@ -50,19 +50,19 @@ def half_vectors(wo: Array, wi: Array, means: Array) -> HalfVectors | None:
         return None
     values = np.log(means[lit])
     cos_o, cos_i = wo[:, 2], wi[:, 2]
-    alone = [np.ones(len(values)), np.log(cos_o), np.log(cos_i), cos_o, cos_i, cos_o * cos_i]
-    rest = _unexplained(alone, values)
+    of_angles = [np.ones(len(values)), np.log(cos_o), np.log(cos_i), cos_o, cos_i, cos_o * cos_i]
+    rest = _unexplained(of_angles, values)
     total = float((rest**2).sum())
     if not total > 1e-9 * len(values):
         return None
     shares = {}
-    for frame, changed in FRAMES.items():
-        half = wo + changed(wi)
+    for frame, light_in_frame in FRAMES.items():
+        half = wo + light_in_frame(wi)
         half /= np.linalg.norm(half, axis=1, keepdims=True)
         cos_h, cos_d = half[:, 2], (half * wo).sum(1)
         curves = [cos_h, cos_h**2, cos_h**4, cos_h**8, cos_d, cos_d**2]
-        left = _unexplained([*alone, *curves], values)
-        shares[frame] = 1 - float((left**2).sum()) / total
+        rest_of_frame = _unexplained([*of_angles, *curves], values)
+        shares[frame] = 1 - float((rest_of_frame**2).sum()) / total
     return HalfVectors(int(lit.sum()), shares)
 
 

@@ -1,4 +1,4 @@
-"""Joins tables of one surface into one BTF: pairs to train on, held-out ones, those that choose settings, of low light.
+"""Joins tables of one surface into one BTF: pairs to train on, to test, to choose settings by, and of low light.
 
 A *table* is the pairs of one of these four kinds (`bench.data.spec.Table`), or some held-out pairs between texels. Each
 is rendered into a file of its own, so that another draw of test pairs renders only their table again. A *part* of a
@@ -29,10 +29,10 @@ class Joined(Source):
 
     def slices(self, pairs: Array) -> list[Array]:
         """As `Source.slices`: each part reads its own pairs together."""
-        found: dict[int, Array] = {}  # by place in `pairs`
+        slices: dict[int, Array] = {}  # by place in `pairs`
         for places, part, part_pairs in self._by_part(pairs):
-            found |= zip(places.tolist(), part.slices(part_pairs), strict=True)
-        return [found[place] for place in range(len(pairs))]
+            slices |= zip(places.tolist(), part.slices(part_pairs), strict=True)
+        return [slices[place] for place in range(len(pairs))]
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
         """As `Source.texels`: each part fills in its own pairs."""
@@ -78,7 +78,7 @@ class Joined(Source):
         return hashlib.sha256(described.encode()).hexdigest()
 
 
-def followed(btf: BTF, further: BTF, kind: str, words: str) -> BTF:
+def appended(btf: BTF, further: BTF, kind: str, words: str) -> BTF:
     """A BTF with the pairs of `further`, of the same surface, behind its own; `words` describe them in the provenance.
 
     `kind` is what these pairs are for, the name of a mask of the BTF: `heldout`, `validation`, by which settings are
@@ -107,5 +107,5 @@ def joined(tables: list[Table], open_table: Callable[[Table], BTF]) -> BTF:
         if table.kind == "between":
             btf = replace(btf, between=further)
         else:
-            btf = followed(btf, further, table.kind, table.words)
+            btf = appended(btf, further, table.kind, table.words)
     return btf

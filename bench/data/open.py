@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from bench.btf import BTF, Array, ArraySource
 from bench.codec import Progress, silent
 from bench.data.kinds import LoadTracer, kind_of
-from bench.data.readers.checks import negative, no_duplicates, radiance_fault, unit_directions, warn_of_radians
+from bench.data.readers.checks import negative_fault, no_duplicates, radiance_fault, unit_directions, warn_of_radians
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Seed, converted
@@ -96,18 +96,23 @@ def from_arrays(
     mask = None if heldout is None else np.asarray(heldout)
     if mask is not None and (mask.shape != (count,) or mask.dtype.kind != "b" or mask.all()):
         raise InputError(f"heldout must be a mask ({count},) of booleans that leaves pairs to train on")
+    _refuse_not_finite(values)
+    warning = negative_fault(values)
+    if warning:
+        log.warning("%s: %s", name, warning)
+    warn_of_radians(views, lights, "wo and wi")
+    provenance = {"format": "arrays", "colour": "taken as linear Rec. 709", "cosine": "taken as f_r cos(theta_i)"}
+    return BTF(name, views, lights, ArraySource(values), heldout=mask, periodic=periodic, provenance=provenance)
+
+
+def _refuse_not_finite(values: Array) -> None:
+    """Raise an `InputError` that names the first slice of radiance (N, H, W, 3) with a value that is not finite."""
     for row, picture in enumerate(values):  # one at a time, because the array may be a mapped file
         bad = int((~np.isfinite(picture)).sum())
         if bad:
             fault = f"{bad:,} of {picture.size:,} values are not finite (NaN or infinite): mend them"
             remedy = "leave the pair out, or save radiance, wo and wi by numpy.savez and bench.open(path, repair=True)"
             raise InputError(f"radiance[{row}]: {fault}, {remedy}")
-    warning = negative(values)
-    if warning:
-        log.warning("%s: %s", name, warning)
-    warn_of_radians(views, lights, "wo and wi")
-    provenance = {"format": "arrays", "colour": "taken as linear Rec. 709", "cosine": "taken as f_r cos(theta_i)"}
-    return BTF(name, views, lights, ArraySource(values), heldout=mask, periodic=periodic, provenance=provenance)
 
 
 def _directions(vectors: Array, name: str, count: int) -> Array:

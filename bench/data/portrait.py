@@ -14,7 +14,6 @@ It reads at most about 150 slices, so a table of 22 GB takes seconds; of a small
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ import numpy as np
 from bench.btf import BTF, Array, Layout, box_filter
 from bench.data.half_vectors import LEAST_PAIRS, HalfVectors, half_vectors
 from bench.data.materials import maps
-from bench.data.readers.checks import codes, negative
+from bench.data.readers.checks import codes_fault, negative_fault
 from bench.directions.hemisphere import thin, to_degrees
 from bench.files.atomic import replacing
 from bench.files.plots import default_settings
@@ -72,6 +71,7 @@ class Look:
     """The findings from a few slices of a BTF."""
 
     btf: BTF
+    layout: Layout  # the distinct views and lights of the training pairs, and whether they are a product
     sheet: dict[int, Array]  # the contact sheet: index of a pair → its picture, shrunk, (height, width, 3)
     values: Array  # (slices, n, 3), the same n texels of each slice
     power: float | None  # of cos θ_i, with which the median of a slice falls over lights; None from too few lights
@@ -85,15 +85,6 @@ class Look:
     read: int  # how many slices these are
     low_light: BTF  # the pairs of low light, at which nothing is looked; `btf` is without them
     exposed: Exposed  # the exposure of the training pairs and what it makes of the test pairs; of read slices if large
-
-    @cached_property
-    def layout(self) -> Layout:
-        """The distinct views and lights of the training pairs, and whether they are a product (every view with every
-        light); random held-out pairs would belong to none."""
-        if self.btf.heldout is None:  # then `split` would hold out whole views and lights, which belong to the product
-            return Layout.of(self.btf.wo, self.btf.wi)
-        train = self.btf.split().train
-        return Layout.of(self.btf.wo[train], self.btf.wi[train])
 
     @property
     def clipped(self) -> float:
@@ -121,16 +112,6 @@ class Look:
         are_equal = (lit == lit[:, :1]).all((1, 2))
         return bool(are_equal.mean() > 0.5)
 
-    @property
-    def missing(self) -> int:
-        """The number of training pairs that a product of views and lights lacks; 0 if it lacks half of them or more,
-        because the data then are not meant as a product."""
-        product = len(self.layout.views) * len(self.layout.lights)
-        measured = len(self.layout.view)
-        if measured <= product / 2:
-            return 0
-        return product - measured
-
     def _fall_fault(self) -> str:
         """A sentence on brightness that falls with the wrong angle; "" if it falls with the light's, or if that cannot
         be told."""
@@ -154,23 +135,26 @@ class Look:
 
     def warnings(self) -> list[str]:
         """One sentence for each likely fault, with its probable cause; none for sound data."""
-        sentences = [self._fall_fault(), self._clipping_fault(), codes(self.values), negative(self.values)]
+        sentences = [self._fall_fault(), self._clipping_fault(), codes_fault(self.values), negative_fault(self.values)]
         sentences += [self._product_fault(), self._azimuths_fault(), self.exposed.fault, *self._seam_faults()]
         return [sentence for sentence in sentences if sentence]
 
     def _clipping_fault(self) -> str:
         """A sentence on clipped highlights; "" without any."""
-        if self.clipped < CLIPPED:
+        share = self.clipped
+        if share < CLIPPED:
             return ""
         place = f"exactly at the maximum, {self.values.max():.4g}"
-        return f"{self.clipped:.2%} of the values lie {place}: highlights are clipped"
+        return f"{share:.2%} of the values lie {place}: highlights are clipped"
 
     def _product_fault(self) -> str:
-        """A sentence on the pairs that a product of views and lights lacks; "" if it lacks none."""
-        if not self.missing:
+        """A sentence on the training pairs that a product of views and lights lacks; "" if it lacks none, or half of
+        them or more, because the data then are not meant as a product."""
+        views, lights, measured = len(self.layout.views), len(self.layout.lights), len(self.layout.view)
+        missing = views * lights - measured
+        if not 0 < missing < measured:
             return ""
-        whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
-        return f"{self.missing:,} pairs of the product of {whole} are missing"
+        return f"{missing:,} pairs of the product of {views} views × {lights} lights are missing"
 
     def _azimuths_fault(self) -> str:
         """A sentence on azimuths that seem to be mirrored, by the lobe or the half vectors; "" if they do not."""
@@ -196,8 +180,8 @@ class Look:
 
 
 class _Slices:
-    """What is kept of the slices that are read: values of some texels, and by pair the median and the mean brightness,
-    the extremes, and a shrunk picture of those of the sheet."""
+    """What is kept of each slice that is read: values of some texels, ratios at its borders, and by pair the median and
+    the mean brightness and the extremes; of a slice of the contact sheet also a shrunk picture."""
 
     def __init__(self, btf: BTF, sheet: Sequence[int]):
         """No slice is read yet; `sheet` are the pairs of the contact sheet."""
@@ -212,7 +196,7 @@ class _Slices:
         self.thumbs: dict[int, Array] = {}
 
     def read(self, pair: int) -> None:
-        """Read a slice, and keep what is kept of it."""
+        """Read a slice."""
         picture = self.btf[pair]
         texels = picture.reshape(-1, 3)
         self.values.append(texels[self.texels])
@@ -236,17 +220,18 @@ class _Slices:
 
 
 def look(btf: BTF) -> Look:
-    """The findings from at most about 150 slices of a BTF, which are read one at a time, and the extremes of all where
-    it is small. Pairs of low light are not looked at."""
+    """The findings from at most about 150 slices of a BTF, read one at a time; of a small BTF the extremes are those of
+    all slices. Pairs of low light are not looked at."""
     low_light = btf.subset(btf.split().low_light)
     btf = btf.without_low_light()
     lobe = mean_lobe(btf)
+    training, layout = _training_pairs(btf)
     of_one_view = _pairs_nearest_normal(btf.layout.view, btf.wo, btf.wi)
     of_one_light = _pairs_nearest_normal(btf.layout.light, btf.wi, btf.wo)
-    sheet = _sheet(btf)
+    sheet = _sheet_pairs(training, layout)
     scattered: list[int] = []  # where no ring was found
     if lobe is None and len(btf.layout.views) > 1:
-        scattered = _spread_pairs(_not_held_out(btf), SCATTERED)
+        scattered = _spread_pairs(training, SCATTERED)
     slices = _Slices(btf, sheet)
     for pair in dict.fromkeys([*sheet, *of_one_view, *of_one_light, *scattered]):  # each pair once, in this order
         slices.read(pair)
@@ -266,6 +251,7 @@ def look(btf: BTF) -> Look:
     lows, highs = zip(*slices.extremes.values(), strict=True)
     return Look(
         btf=btf,
+        layout=layout,
         sheet=slices.thumbs,
         values=np.stack(slices.values),
         power=power,
@@ -281,8 +267,8 @@ def look(btf: BTF) -> Look:
 
 
 def _exposed(btf: BTF, values: list[Array], is_small: bool) -> Exposed:
-    """The exposure and what it makes of a BTF: of its training and test pairs, or of the `values` of those that were
-    read where it is large."""
+    """The exposure of a small BTF's training pairs and what it makes of the test pairs; of a large BTF the exposure of
+    the `values` that were read, and what it makes of these."""
     if not is_small:
         return exposed(values, exposure_of(np.stack(values)))
     split = btf.split()
@@ -351,25 +337,26 @@ def _spread_pairs(pairs: Array, count: int) -> list[int]:
     return [int(pair) for pair in pairs[places]]
 
 
-def _sheet(btf: BTF) -> list[int]:
+def _training_pairs(btf: BTF) -> tuple[Array, Layout]:
+    """Indices of the pairs to train on, and their layout, to which random held-out pairs do not belong.
+
+    These are all pairs if none are declared as held out: `split` would then hold out whole views and lights, which
+    belong to the product.
+    """
+    pairs = np.arange(len(btf)) if btf.heldout is None else btf.split().train
+    return pairs, Layout.of(btf.wo[pairs], btf.wi[pairs])
+
+
+def _sheet_pairs(training: Array, layout: Layout) -> list[int]:
     """Pairs of the contact sheet: evenly spread views × lights of the training pairs, or if these are no product, pairs
     spread over their list."""
-    pairs = _not_held_out(btf)
-    layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
     count = SHEET[0] * SHEET[1]
     if layout.grid is None:  # not every view goes with every light
-        return _spread_pairs(pairs, count)
+        return _spread_pairs(training, count)
     views = _spread_directions(layout.views, max(SHEET[0], count // len(layout.lights)))  # more if lights are few
     lights = _spread_directions(layout.lights, count // len(views))
     places = layout.grid[np.ix_(views, lights)].reshape(-1)
-    return [int(pair) for pair in pairs[places]]
-
-
-def _not_held_out(btf: BTF) -> Array:
-    """Indices of the pairs that the data do not declare as held out; all of them if none are declared."""
-    if btf.heldout is None:
-        return np.arange(len(btf))
-    return np.flatnonzero(~btf.heldout)
+    return [int(pair) for pair in training[places]]
 
 
 def _spread_directions(side: Array, count: int) -> Array:
@@ -387,8 +374,7 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     φ_i + φ_o, are fitted to the rest. None if the training pairs are no product of views and lights, there is no such
     ring, a mean is not above 0, or the means do not depend on both azimuths together. Reads the slices of the ring.
     """
-    pairs = _not_held_out(btf)
-    layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
+    pairs, layout = _training_pairs(btf)
     if layout.grid is None:
         return None
     ring = _outermost_ring(layout)
@@ -397,22 +383,17 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     theta, views, lights = ring  # degrees, and indices into the layout's views and lights
     # 1. The means, without what depends on the view or on the light alone.
     ring_pairs = pairs[layout.grid[np.ix_(views, lights)]]  # (views, lights)
-    means = np.empty(ring_pairs.shape)
-    for place in np.ndindex(ring_pairs.shape):
-        means[place] = btf[int(ring_pairs[place])].mean(dtype=np.float64)
+    means = np.array([[btf[int(pair)].mean(dtype=np.float64) for pair in row] for row in ring_pairs])
     if means.min() <= 0:  # no ratios to such means can be taken
         return None
-    means /= layout.lights[lights, 2]
-    rest = means / means.mean(1, keepdims=True)  # each view has a mean of 1
-    rest = rest / rest.mean(0) - 1  # each light has a mean of 1, and then of 0
+    rest = _without_sides(means / layout.lights[lights, 2])
     total = float((rest**2).sum())
     if not total > 1e-9 * rest.size:  # views and lights change the means independently: only rounding is left
         return None
     # 2. How much of the rest waves of the difference, and of the sum, of both azimuths explain.
     _, phi_o_deg = to_degrees(layout.views[views])
     _, phi_i_deg = to_degrees(layout.lights[lights])
-    phi_o = np.radians(phi_o_deg)
-    phi_i = np.radians(phi_i_deg)
+    phi_o, phi_i = np.radians(phi_o_deg), np.radians(phi_i_deg)
     by_difference, amplitudes = _explained(rest, phi_i - phi_o[:, None])
     by_sum, _ = _explained(rest, phi_i + phi_o[:, None])
     # 3. Where the fitted waves of the difference are highest, to a degree.
@@ -422,35 +403,34 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     return MeanLobe(theta, by_difference / total, by_sum / total, float(peak))
 
 
+def _without_sides(means: Array) -> Array:
+    """What is left of means (views, lights) once each view, and then each light, is divided by its mean, less 1."""
+    of_lights = means / means.mean(1, keepdims=True)
+    return of_lights / of_lights.mean(0) - 1
+
+
 def _outermost_ring(layout: Layout) -> tuple[float, Array, Array] | None:
     """θ in degrees of the outermost ring that has directions of both sides, and the indices of views and of lights
     spread around it; None if no ring has `LEAST` of each."""
     theta_o, phi_o = to_degrees(layout.views)
     theta_i, phi_i = to_degrees(layout.lights)
     for degrees in range(85, 4, -1):  # whole degrees, from near the horizon to near the normal
-        views = _on_ring(theta_o, phi_o, degrees)
-        lights = _on_ring(theta_i, phi_i, degrees)
+        views = _spread_around(theta_o, phi_o, degrees)
+        lights = _spread_around(theta_i, phi_i, degrees)
         if min(len(views), len(lights)) >= LEAST:
             return float(theta_o[views].mean()), views, lights
     return None
 
 
-def _on_ring(theta: Array, phi: Array, degrees: int) -> Array:
-    """Indices of at most `AZIMUTHS` directions within half a degree of θ = `degrees`, spread around the normal.
-
-    `theta` and `phi` (N,) are the directions' angles in degrees.
-    """
+def _spread_around(theta: Array, phi: Array, degrees: int) -> Array:
+    """Indices of at most `AZIMUTHS` directions within half a degree of θ = `degrees`, spread around the normal: each is
+    the nearest to one of as many evenly spaced azimuths. `theta` and `phi` (N,) are in degrees."""
     ring = np.flatnonzero(np.abs(theta - degrees) <= 0.5)
-    return ring[_evenly_around(phi[ring])]
-
-
-def _evenly_around(phi: Array) -> Array:
-    """Indices of at most `AZIMUTHS` azimuths (degrees), each the nearest to one of as many evenly spaced ones."""
-    if not len(phi):
-        return np.zeros(0, int)
-    even_azimuths = phi.min() + np.arange(AZIMUTHS) * 360.0 / AZIMUTHS
-    distances = np.abs((phi[:, None] - even_azimuths + 180) % 360 - 180)  # around the circle, at most 180°
-    return np.unique(distances.argmin(0))
+    if not len(ring):
+        return ring
+    even_azimuths = phi[ring].min() + np.arange(AZIMUTHS) * 360.0 / AZIMUTHS
+    distances = np.abs((phi[ring][:, None] - even_azimuths + 180) % 360 - 180)  # around the circle, at most 180°
+    return ring[np.unique(distances.argmin(0))]
 
 
 def _waves(angle: Array) -> Array:
@@ -465,10 +445,10 @@ def _explained(rest: Array, angle: Array) -> tuple[float, Array]:
     """
     waves = _waves(angle)
     # `rest` has no mean over a view or over a light, so the waves must have none either.
-    waves = waves - waves.mean(0) - waves.mean(1, keepdims=True) + waves.mean((0, 1))
-    waves = waves.reshape(rest.size, -1)  # (values, 2 · HARMONICS)
-    amplitudes = np.linalg.lstsq(waves, rest.reshape(-1), rcond=None)[0]
-    unexplained = rest.reshape(-1) - waves @ amplitudes
+    centred = waves - waves.mean(0) - waves.mean(1, keepdims=True) + waves.mean((0, 1))
+    matrix = centred.reshape(rest.size, -1)  # (values, 2 · HARMONICS)
+    amplitudes = np.linalg.lstsq(matrix, rest.reshape(-1), rcond=None)[0]
+    unexplained = rest.reshape(-1) - matrix @ amplitudes
     return float((rest**2).sum() - (unexplained**2).sum()), amplitudes
 
 

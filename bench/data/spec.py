@@ -117,7 +117,7 @@ class Preparation:
             raise InputError(f"views and lights must be between 1 and {most}, not {counts}")
         return thinned_product(directions, *counts)
 
-    def drawn(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
+    def heldout_pairs(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
         """`wo` and `wi` (heldout, 3) float32 of the held-out pairs, uniform in solid angle up to 75°.
 
         Test pairs differ by `draw` and by `material`; validation pairs depend on the seed alone.
@@ -130,7 +130,7 @@ class Preparation:
         rng = np.random.default_rng(stream)
         return uniform(rng, self.heldout), uniform(rng, self.heldout)
 
-    def drawn_low_light(self, material: str, seed: int) -> tuple[Array, Array]:
+    def low_light_pairs(self, material: str, seed: int) -> tuple[Array, Array]:
         """`wo` and `wi` (low_light, 3) float32 of the pairs of low light, which differ by `material`: uniform in solid
         angle, views up to 75°, lights in `LOW_LIGHT_DEG`."""
         rng = np.random.default_rng([seed, 0x10FF, _number_of(material)])
@@ -149,26 +149,26 @@ class Preparation:
         """
         tables = [Table("train", "", self.product())]
         if self.heldout:
-            tables.append(Table("heldout", self.described(draw), self.drawn(material, seed, draw)))
+            tables.append(Table("heldout", self.described(draw), self.heldout_pairs(material, seed, draw)))
         if self.validation:
             # `validation` is left out, because it is refused with that split.
             of_validation = dataclasses.replace(self, split="validation", validation=False)
-            tables.append(Table("validation", of_validation.described(), of_validation.drawn(material, seed)))
+            tables.append(Table("validation", of_validation.described(), of_validation.heldout_pairs(material, seed)))
         if self.low_light:  # the last pairs: without them the BTF is the same as if they had never been
             words = f"{self.low_light} pairs of low light, theta_i_deg {LOW_LIGHT_DEG[0]:g} to {LOW_LIGHT_DEG[1]:g}"
-            tables.append(Table("low_light", words, self.drawn_low_light(material, seed)))
+            tables.append(Table("low_light", words, self.low_light_pairs(material, seed)))
         count = min(self.between, self.heldout)
         if count:  # a table of pairs that the BTF has already
-            wo, wi = self.drawn(material, seed, draw)
+            wo, wi = self.heldout_pairs(material, seed, draw)
             evenly = np.linspace(0, self.heldout - 1, count).round().astype(int)
             words = f"{count} of the {self.described(draw)}; half a texel down and to the right"
             tables.append(Table("between", words, (wo[evenly], wi[evenly])))
         return tables
 
-    def everything(self, material: str, seed: int) -> tuple[Array, Array]:
+    def all_pairs(self, material: str, seed: int) -> tuple[Array, Array]:
         """`wo` and `wi` (N, 3) of the training pairs, then of the held-out ones."""
         wo, wi = self.product()
-        drawn_wo, drawn_wi = self.drawn(material, seed)
+        drawn_wo, drawn_wi = self.heldout_pairs(material, seed)
         return np.concatenate([wo, drawn_wo]), np.concatenate([wi, drawn_wi])
 
 
@@ -197,17 +197,17 @@ class MaterialSpec:
                 f"{self.name}: a name of {length} bytes leaves no room for the names of results: rename it"
             )
 
-    def existing(self) -> Path | None:
+    def existing_path(self) -> Path | None:
         """The path of a material that is not built in, as it is or under NEUBTF_DATA; None if it is not there."""
         for place in (Path(self.path), Path(os.environ.get("NEUBTF_DATA", "")) / self.path):
             if os.path.exists(place):  # False for a name too long, where Path.exists raises
                 return place
         return None
 
-    def there(self) -> Path:
-        """The path that `existing` finds. Raises a `MissingDataError` that says where to get the data if it finds none,
-        or an `InputError` if the suite does not say where."""
-        path = self.existing()
+    def required_path(self) -> Path:
+        """The path that `existing_path` finds. If it finds none, raises a `MissingDataError` that says where to get the
+        data, or an `InputError` if the suite does not say where."""
+        path = self.existing_path()
         if path is not None:
             return path
         fault = f"{self.path}: there is no such file"
@@ -223,7 +223,7 @@ def named(material: str) -> MaterialSpec:
     built-in name, which need not exist."""
     at_path = MaterialSpec(Path(material).name or material, material)  # the path / has no name of its own
     looks_like_path = os.sep in material or Path(material).suffix != ""
-    if looks_like_path or at_path.existing():
+    if looks_like_path or at_path.existing_path():
         return at_path
     return MaterialSpec(material)
 

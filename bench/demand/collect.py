@@ -54,11 +54,11 @@ class Points:
     @property
     def footprint(self) -> Array:
         """The longer side (n,) of a pixel on the surface, in units of uv: the footprint for isotropic filtering."""
-        across = np.linalg.norm(self._uv_of(self._moved(self.ahead_x)), axis=1)
-        down = np.linalg.norm(self._uv_of(self._moved(self.ahead_y)), axis=1)
+        across = np.linalg.norm(self._uv_change(self._step_ahead(self.ahead_x)), axis=1)
+        down = np.linalg.norm(self._uv_change(self._step_ahead(self.ahead_y)), axis=1)
         return np.minimum(np.maximum(across, down), FARTHEST)
 
-    def _moved(self, ahead: Array) -> Array:
+    def _step_ahead(self, ahead: Array) -> Array:
         """The step (n, 3) from each point to where the ray of a neighbouring pixel meets its tangent plane."""
         along = _dot(ahead, self.normal)
         with np.errstate(divide="ignore", invalid="ignore"):  # a ray along the plane meets it nowhere
@@ -69,7 +69,7 @@ class Points:
         # Such a pixel reaches the horizon, where it has the largest footprint.
         return np.where(misses[:, None], self.dp_du * FARTHEST, moved)
 
-    def _uv_of(self, moved: Array) -> Array:
+    def _uv_change(self, moved: Array) -> Array:
         """The change of uv (n, 2) of a step (n, 3) within the surface, by least squares."""
         # The normal equations: products (n, 1) of the two derivatives with each other, and with the step. They are two
         # equations for two unknowns, which Cramer's rule solves.
@@ -147,12 +147,12 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
     point of each. The frames are then smaller than the picture; footprints stay those of its pixels. `InputError` if
     no ray finds the material, or no light reaches the visible part.
     """
-    size = _size(scene, limit)
+    size = _frame_size(scene, limit)
     cells = size[0] * size[1]
     rng = np.random.default_rng(seed)
     parts = []
     for frame in followed(show, range(scene.frames), "casting rays", scene.frames):
-        col, row = _places(scene.picture, size, rng)
+        col, row = _points_of_cells(scene.picture, size, rng)
         points = scene.cast(frame, col, row)
         if len(points):
             queries = queries_of(points, scene.lights(points, rng))
@@ -172,7 +172,7 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
     return demand
 
 
-def _size(scene: Caster, limit: int) -> tuple[int, int]:
+def _frame_size(scene: Caster, limit: int) -> tuple[int, int]:
     """Height and width of the frames that make about `limit` queries, at most those of the picture."""
     height, width = scene.picture
     of_limit = SPARE * limit / (_pixels_shown(scene) * scene.samples)  # of the queries that all pixels would make
@@ -194,7 +194,7 @@ def _pixels_shown(scene: Caster) -> float:
     rng = np.random.default_rng(0)
     shown = []
     for frame in range(scene.frames):
-        col, row = _places(scene.picture, (preview_height, preview_width), rng)
+        col, row = _points_of_cells(scene.picture, (preview_height, preview_width), rng)
         shown.append(len(scene.cast(frame, col, row)))
     if not any(shown):
         where = "it is behind the camera, out of the picture, or hidden: move the camera or the material"
@@ -202,7 +202,7 @@ def _pixels_shown(scene: Caster) -> float:
     return sum(shown) / (preview_height * preview_width) * height * width
 
 
-def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[Array, Array]:
+def _points_of_cells(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[Array, Array]:
     """Column and row (H · W,), in pixels, of a point in each of `size` (H, W) cells that divide a picture.
 
     If the cells are its pixels, the point is the middle of each, else a random one: a regular grid would hit the same

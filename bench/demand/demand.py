@@ -106,8 +106,8 @@ def load(path: str | Path) -> Demand:
         raise InputError(f"{path}: there is no such file: check the path")
     try:
         arrays = read_arrays(path, MOST_BYTES)
-        frames, provenance = _about(arrays.pop("about", None))
-        _check(arrays, frames)
+        frames, provenance = _frames_and_provenance(arrays.pop("about", None))
+        _refuse_impossible(arrays, frames)
     except InputError as error:
         reason = str(error).removeprefix(f"{path}: ")
         raise InputError(f"{path}: not a demand: {reason}: `encode --scene` makes one") from error
@@ -120,17 +120,14 @@ def load(path: str | Path) -> Demand:
     return Demand(**arrays, frames=frames, provenance=provenance, fingerprint=digest.hexdigest())
 
 
-def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, Any]]:
-    """Frames and provenance of a file. `InputError` if `save` cannot have written them."""
+def _frames_and_provenance(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, Any]]:
+    """Both from the array `about` of a file. `InputError` if `save` cannot have written it."""
     with readable("about", "the file is damaged"):
         about = json.loads(np.asarray(stored, np.uint8).tobytes())
     if not isinstance(about, dict) or not isinstance(about.get("format"), int):
         raise InputError("about gives no format")
     if about["format"] != FORMAT:
-        if about["format"] > FORMAT:
-            age, remedy = "newer", ": upgrade"
-        else:
-            age, remedy = "older", ""
+        age, remedy = ("newer", ": upgrade") if about["format"] > FORMAT else ("older", "")
         raise InputError(f"format {shown(about['format'])} is {age} than this version reads ({FORMAT}){remedy}")
     frames = converted("frames", tuple[Count, Count, Count], about.get("frames"))
     if math.prod(frames) > CELLS:
@@ -141,7 +138,7 @@ def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, A
     return frames, provenance | {"scene": converted("provenance: scene", str, provenance.get("scene", "scene"))}
 
 
-def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
+def _refuse_impossible(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
     """Raise `InputError` unless each column of a demand exists, of its type and shape, with possible values."""
     for name in COLUMNS:
         if name not in arrays:

@@ -111,8 +111,8 @@ class Goal:
     flip: float | None = None
 
     def met(self, model: "Model") -> bool:
-        """Whether a model reaches the goal. A PSNR of None is of no error; a FLIP of None was not measured."""
-        psnr_is_enough = self.psnr is None or model.psnr is None or model.psnr >= self.psnr
+        """Whether a model reaches the goal; a FLIP of None was not measured."""
+        psnr_is_enough = self.psnr is None or model.psnr_or_infinite >= self.psnr
         flip_is_enough = self.flip is None or model.flip is None or model.flip <= self.flip
         return psnr_is_enough and flip_is_enough
 
@@ -127,6 +127,11 @@ class Model:
     flip: float | None
     steps: int  # steps of the fit; 0 if it has none
     seconds: float  # of the fit, processor time
+
+    @property
+    def psnr_or_infinite(self) -> float:
+        """The PSNR in dB, to compare by; infinite without error."""
+        return np.inf if self.psnr is None else self.psnr
 
 
 @dataclass(frozen=True)
@@ -165,7 +170,7 @@ class Search:
     def run(self, goal: Goal | None = None) -> SearchResult:
         """Search; the default goal is the PSNR of the full model less `EQUAL_DB`, or no error if it has none."""
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
-        goal = goal or Goal(psnr=_psnr_or_infinite(full) - EQUAL_DB)
+        goal = goal or Goal(psnr=full.psnr_or_infinite - EQUAL_DB)
         models = list(self.ladder(goal))
         seconds = sum(model.seconds for model in models)
         scene, why = self._best_of(models, full, goal)
@@ -181,8 +186,8 @@ class Search:
                 return None, "the scene needs everything"
             return smallest, what_is_needed(self.problem.needed, self.btf)
         # If the full model misses the goal, too, the better of the two is chosen.
-        finest = max(models, key=_psnr_or_infinite)
-        is_better = not full_meets and _psnr_or_infinite(finest) > _psnr_or_infinite(full)
+        finest = max(models, key=lambda model: model.psnr_or_infinite)
+        is_better = not full_meets and finest.psnr_or_infinite > full.psnr_or_infinite
         return finest if is_better else None, "no model of the scene is as good"
 
     def ladder(self, goal: Goal) -> Iterator[Model]:
@@ -222,11 +227,6 @@ class Search:
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
 
 
-def _psnr_or_infinite(model: Model) -> float:
-    """The PSNR of a model in dB, to sort by; infinite for one without error."""
-    return np.inf if model.psnr is None else model.psnr
-
-
 def steps_of(codec: Codec) -> int:
     """The number of sizes that a codec can have: the value of its leading setting of size, 1 if it has no such one."""
     return int(getattr(codec.settings, codec.sizes[0])) if codec.sizes else 1
@@ -256,7 +256,7 @@ def what_is_needed(needed: NeededPart, btf: BTF) -> str:
     return "; ".join(words)
 
 
-def outside(scorer: FrameScorer, material: Material) -> float | None:
+def psnr_outside(scorer: FrameScorer, material: Material) -> float | None:
     """Display PSNR in dB, pooled, of slices at pairs that the scene does not use, against the BTF; None if it uses all,
     or without error. Measured at `OUTSIDE_PAIRS` pairs, evenly among them."""
     untouched = np.flatnonzero(scorer.shares == 0)
@@ -269,7 +269,7 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
     return as_number(float(psnr(float(np.mean(errors)), peak=1.0)))
 
 
-def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
+def psnr_held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
     """The mean display PSNR in dB of slices at the held-out pairs that lie in the scene, weighted by the demand around
     them; None if there is none. `btf` has held-out pairs alone. No fit saw them, unlike the pairs of the frames."""
     shares = shares_of_others(scorer.btf.layout, scorer.demand, btf.wo, btf.wi)
@@ -313,8 +313,8 @@ def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> 
                 "seconds": model.seconds,
                 "psnr": model.psnr,
                 "flip": model.flip,
-                "outside": outside(scorer, model.material),
-                "held_out": held_out(held, scorer, model.material),
+                "outside": psnr_outside(scorer, model.material),
+                "held_out": psnr_held_out(held, scorer, model.material),
                 "settings": model.header.settings,
             }
         )

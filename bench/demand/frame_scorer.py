@@ -54,7 +54,7 @@ def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
         rows = used[starts[index] : starts[index + 1]]
         if len(rows):
             query = rows // around
-            values = _filtered(btf[index], uv[query], level[query])
+            values = _filtered_at(btf[index], uv[query], level[query])
             np.add.at(answers, query, values.numpy() * weight[rows, None])
     return np.maximum(answers, 0)
 
@@ -66,22 +66,23 @@ def _levels(footprint: Array, size: tuple[int, int]) -> torch.Tensor:
     return torch.from_numpy(np.clip(np.log2(texels), 0, deepest).astype(np.float32))
 
 
-def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
+def _filtered_at(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
     """A slice (H, W, 3) at uv (n, 2), each averaged over a box: (n, 3). Levels (n,) are log2 of its side in texels."""
     out = torch.zeros(len(uv), 3)
     for number in range(int(level.max()) + 2):  # whole levels up to the one above the deepest
         # A level between two whole ones is a linear mixture of these: shares fall from 1 to 0 over one level.
         share = (1 - (level - number).abs()).clamp_min(0)
         some = share > 0
-        if some.any():
-            texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
-            # A level omits texels on the right and at the bottom that do not fill a box, so uv is stretched from the
-            # top left corner, where v is 1.
-            height, width = picture.shape[:2]
-            down = height / (height // 2**number * 2**number)
-            across = width / (width // 2**number * 2**number)
-            uv_of_level = torch.stack([uv[some, 0] * across, 1 - (1 - uv[some, 1]) * down], 1)
-            out[some] += share[some, None] * sample_texture(texture, uv_of_level)
+        if not some.any():
+            continue
+        texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
+        # A level omits texels on the right and at the bottom that do not fill a box, so uv is stretched from the top
+        # left corner, where v is 1.
+        height, width = picture.shape[:2]
+        down = height / (height // 2**number * 2**number)
+        across = width / (width // 2**number * 2**number)
+        uv_of_level = torch.stack([uv[some, 0] * across, 1 - (1 - uv[some, 1]) * down], 1)
+        out[some] += share[some, None] * sample_texture(texture, uv_of_level)
     return out
 
 
@@ -149,13 +150,13 @@ class FrameScorer:
             metric = metrics.get(name).load()
             if min(height, width) < metric.smallest:
                 continue
-            sides = self._sides(name, metric)
+            sides = self._prepared_truth(name, metric)
             maps = np.stack([metric.error_map(side, frame) for side, frame in zip(sides, frames, strict=True)])
-            values = maps[_inner(self.seen, maps.shape[1:])]  # (n,) of the pixels that show the material
+            values = maps[_middle_of(self.seen, maps.shape[1:])]  # (n,) of the pixels that show the material
             scores[name] = as_number(metric.pool(values)) if len(values) else None
         return scores
 
-    def _sides(self, name: str, metric: SliceMetric) -> list[Prepared]:
+    def _prepared_truth(self, name: str, metric: SliceMetric) -> list[Prepared]:
         """The reference's frames as a metric prepares them, once for all materials."""
         if name not in self.prepared:
             self.prepared[name] = [metric.prepare(picture, self.exposure) for picture in self.truth]
@@ -182,7 +183,7 @@ class FrameScorer:
         return kept
 
 
-def _inner(mask: Array, size: tuple[int, ...]) -> Array:
+def _middle_of(mask: Array, size: tuple[int, ...]) -> Array:
     """The middle (frames, *size) of a mask (frames, H, W): a metric with a window may have no values at the border."""
     height, width = size
     top = (mask.shape[1] - height) // 2

@@ -40,7 +40,7 @@ class NeededPart:
         factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
         window = _window(btf.shape, demand, factor)
         pairs = np.arange(len(btf)) if every_pair else needed_pairs(btf.layout, demand)
-        return cls(window, pairs, finest, _cells(demand.wo), _cells(demand.wi))
+        return cls(window, pairs, finest, _cells_around(demand.wo), _cells_around(demand.wi))
 
     def cut(self, btf: BTF) -> BTF:
         """Cut the BTF to the needed part."""
@@ -80,12 +80,12 @@ def needed_pairs(layout: Layout, demand: Demand) -> Array:
         return np.sort(_heaviest(pair_shares(layout, demand)))
     weights = pair_weights(layout, demand)
     share = shares_from_weights(weights, demand.importance, len(layout.view))
-    views = _side(layout.views, np.bincount(layout.view, share, len(layout.views)))
-    lights = _side(layout.lights, np.bincount(layout.light, share, len(layout.lights)))
+    views = _needed_directions(layout.views, np.bincount(layout.view, share, len(layout.views)))
+    lights = _needed_directions(layout.lights, np.bincount(layout.light, share, len(layout.lights)))
     return np.sort(layout.grid[np.ix_(views, lights)].ravel())
 
 
-def _side(directions: Array, share: Array) -> Array:
+def _needed_directions(directions: Array, share: Array) -> Array:
     """Indices of the fewest directions (n, 3), all views or all lights, that hold the demand by their shares (n,), and
     of those needed to interpolate between them. A triangle between kept directions is a triangle of the whole set, so
     answers inside it stay the same."""
@@ -115,12 +115,12 @@ def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
     uv = demand.uv(size)
     across, up = periods(size)
     # Rows count from the top, where v is 1.
-    top, tall = _span(1 - uv[:, 1], up * demand.footprint, height, factor, whole.height)
-    left, wide = _span(uv[:, 0], across * demand.footprint, width, factor, whole.width)
+    top, tall = _shortest_stretch(1 - uv[:, 1], up * demand.footprint, height, factor, whole.height)
+    left, wide = _shortest_stretch(uv[:, 0], across * demand.footprint, width, factor, whole.width)
     return Window(size, top, left, tall, wide, factor)
 
 
-def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) -> tuple[int, int]:
+def _shortest_stretch(place: Array, footprint: Array, side: int, factor: int, whole: int) -> tuple[int, int]:
     """Start and length, in texels, of the shortest stretch of one side of the texture that holds all that queries see.
 
     Each of them sees its `place` (n,) with its `footprint` (n,), both in periods of `side` texels. The stretch may wrap
@@ -159,7 +159,7 @@ def _seen_texels(first: Array, end: Array, side: int) -> Array:
     return np.asarray((queries > 0).any(0))
 
 
-def _cells(directions: Array) -> Array:
+def _cells_around(directions: Array) -> Array:
     """Map (CELLS, CELLS) of the cells that hold directions (n, 3), and of those around them."""
     row, col = np.divmod(cell_of(torch.from_numpy(directions)).numpy(), CELLS)
     held = np.zeros((CELLS, CELLS), bool)

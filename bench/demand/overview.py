@@ -103,7 +103,7 @@ def draw(demand: Demand, path: Path) -> None:
     grid["frame"].set_title(f"{demand.name}: the first frame, on a white diffuser")
     grid["frame"].axis("off")
     for name, title in (("wo", "views"), ("wi", "lights")):
-        _polar(grid[name], getattr(demand, name), demand.importance, title)
+        _draw_directions(grid[name], getattr(demand, name), demand.importance, title)
     grid["uv"].imshow(_coverage(demand), extent=(0, 1, 0, 1), cmap="magma")
     grid["uv"].set(title="seen of a square texture", xlabel="u", ylabel="v")
     sizes = grid["footprint"]
@@ -113,7 +113,7 @@ def draw(demand: Demand, path: Path) -> None:
         figure.savefig(partial, format="png", dpi=80)
 
 
-def _polar(axes, directions: Array, share: Array, title: str) -> None:  # type: ignore[no-untyped-def]
+def _draw_directions(axes, directions: Array, share: Array, title: str) -> None:  # type: ignore[no-untyped-def]
     """Draw the density of directions (n, 3) with shares (n,), in the plane of θ (radius, degrees) and φ.
 
     Each cell is divided by its solid angle.

@@ -36,16 +36,16 @@ class TextScene:
         far = distance(self.scene.surface, eye, ahead)
         hit = np.flatnonzero(np.isfinite(far))
         position = eye + ahead[hit] * far[hit, None]
-        found = texture(self.scene.surface, position)
-        inside = found.inside  # a ray may meet a plane beyond the surface's edge
+        lie = texture(self.scene.surface, position)
+        inside = lie.inside  # a ray may meet a plane beyond the surface's edge
         hit = hit[inside]
         return Points(
             pixel=hit,  # the numbers of the rays that hit; one is cast through each cell of the frame
-            uv=found.uv[inside],
+            uv=lie.uv[inside],
             position=position[inside],
-            normal=found.normal[inside],
-            dp_du=found.dp_du[inside],
-            dp_dv=found.dp_dv[inside],
+            normal=lie.normal[inside],
+            dp_du=lie.dp_du[inside],
+            dp_dv=lie.dp_dv[inside],
             eye=np.broadcast_to(eye, (len(hit), 3)),
             ahead_x=camera.ahead(col[hit] + 1, row[hit]),
             ahead_y=camera.ahead(col[hit], row[hit] + 1),
@@ -55,11 +55,11 @@ class TextScene:
         """Every light that may reach the points; for an environment, a few samples at each."""
         lights: list[Light] = []
         for source in self.scene.lights:
-            lights += _reaching(source, points, rng)
+            lights += _light_of(source, points, rng)
         return lights
 
 
-def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> list[Light]:
+def _light_of(source: LightSource, points: Points, rng: np.random.Generator) -> list[Light]:
     """The light of one source at each point, shadows left aside: once, or in the samples of an environment."""
     ones = np.ones((len(points), 1))
     match source.kind:
@@ -206,9 +206,9 @@ def _unit_of(surface: Surface) -> Array:
 def _slopes(surface: Surface, place: Array) -> Array:
     """The slopes (n, 2) of the cloth along u and v at places (n, 2) of the plane."""
     scale = _unit_of(surface)
-    place = place / scale[:2]  # in the units of `_height`
+    middle = place / scale[:2]  # in the units of `_height`
     step = 1e-5
-    rise = [_height(place + move) - _height(place - move) for move in step * np.eye(2)]  # central differences
+    rise = [_height(middle + move) - _height(middle - move) for move in step * np.eye(2)]  # central differences
     return np.stack(rise, 1) / (2 * step) * scale[2] / scale[:2]  # a ratio of scene units
 
 
@@ -227,10 +227,7 @@ def _drape_box(start: Array, way: Array) -> tuple[Array, Array]:
 
 
 def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
-    """As `distance`, of a cloth: the first crossing of each ray, by steps through the box around it, then halvings.
-
-    The eye may be on either side of the cloth.
-    """
+    """As `distance`, of a cloth: the first crossing of each ray. The eye may be on either side of the cloth."""
     axes = np.stack(_axes(surface), 1)  # (3, 3), an axis a column
     scale = _unit_of(surface)
     # Rays in the units of `_height`; distances along them stay in scene units.
@@ -239,17 +236,23 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     enter, leave = _drape_box(start, way)
     distances = np.full(len(way), np.inf)
     meeting = np.flatnonzero(enter < leave)  # the rays that meet the box
-    enter, leave, way = enter[meeting], leave[meeting], way[meeting]
+    distances[meeting] = _first_crossing(start, way[meeting], enter[meeting], leave[meeting])
+    return distances
+
+
+def _first_crossing(start: Array, way: Array, enter: Array, leave: Array) -> Array:
+    """Where rays from a start (3,) along ways (n, 3) first cross the cloth between two multiples of the way, (n,) each;
+    infinite for a ray that does not. Start and ways are in the units of `_height`."""
 
     def above(along: Array) -> Array:
-        """Whether each ray is above the cloth at its distance."""
+        """Whether each ray is above the cloth at a multiple of its way, (n,) each."""
         place = start + way * along[:, None]
         return np.asarray(place[:, 2] > _height(place[:, :2]))
 
     first = above(enter)
     step = (leave - enter) / STEPS
     # The step at whose end a ray is first on the other side than at the start; infinite if it stays on one side.
-    crossed = np.full(len(meeting), np.inf)
+    crossed = np.full(len(way), np.inf)
     for number in range(STEPS, 0, -1):  # from far to near, so that the nearest crossing is kept
         crossed[above(enter + step * number) != first] = number
     hit = np.isfinite(crossed)
@@ -260,5 +263,4 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
         is_before_crossing = above(middle) == first
         near = np.where(is_before_crossing, middle, near)
         far = np.where(is_before_crossing, far, middle)
-    distances[meeting[hit]] = far[hit]
-    return distances
+    return np.where(hit, far, np.inf)

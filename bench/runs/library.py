@@ -26,7 +26,7 @@ from bench.compare.frame import load_runs
 from bench.data.materials.variations import load_variation
 from bench.data.open import open_named
 from bench.data.readers import open_btf
-from bench.data.readers.checks import negative, refuse_extremes, some_slices
+from bench.data.readers.checks import negative_fault, refuse_extremes, some_slices
 from bench.demand import UNIFORM, fitting
 from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
@@ -104,7 +104,7 @@ def _checked_training(btf: BTF) -> BTF:
     """The training pairs of a BTF; warns of negative radiance. `InputError` if their values are too extreme."""
     train = btf.subset(btf.split().train)
     refuse_extremes(train)
-    warning = negative(np.stack(list(some_slices(train))))  # in words; "" if there is none
+    warning = negative_fault(np.stack(list(some_slices(train))))  # in words; "" if there is none
     if warning:
         log.warning("%s: %s", btf.name, warning)
     return train

@@ -360,7 +360,7 @@ def _absolute_path(spec: MaterialSpec) -> str:
     """The absolute path of a material's file or folder; the name of a built-in one."""
     if not spec.path:
         return spec.name
-    existing = spec.existing()  # None if the path is neither as written nor under `$NEUBTF_DATA`
+    existing = spec.existing_path()  # None if the path is neither as written nor under `$NEUBTF_DATA`
     if existing is None:
         return os.path.abspath(spec.path)
     return os.path.abspath(existing)

@@ -161,7 +161,7 @@ def _paper(folders: list[Path], format: str, choice: Choice | None, whole: bool)
     absent = {}
     for spec in load_suite("paper").materials:
         there = f"{spec.path} is there: `neubtf-bench run paper` measures it"
-        absent[spec.name] = there if spec.existing() else f"{spec.path} is not there: {spec.where}"
+        absent[spec.name] = there if spec.existing_path() else f"{spec.path} is not there: {spec.where}"
     if choice:
         run = choice.of_run(run)
     return paper_text(run, absent, format, choice, whole)

@@ -62,7 +62,7 @@ class PathTracer(Protocol):
         """
 
 
-class Partial:
+class UnfinishedBake:
     """The slices (N, H, W, 3) float32 of an unfinished bake, in a hidden folder beside its result `out`.
 
     The first `done` of them are finished; a bake that was interrupted resumes from these.
@@ -113,52 +113,53 @@ def bake(
     resumes from them. Raises `InputError` if `out` cannot be written or counts are out of range.
     """
     check_place(out)
-    wo, wi = data.everything(surface.name, seed)
+    wo, wi = data.all_pairs(surface.name, seed)
     heldout = None
     if data.heldout:  # the held-out pairs come after the product
         heldout = np.arange(len(wo)) >= data.views * data.lights
     pair_notes = _product_notes(data) | {"heldout": data.described()}
-    _bake(surface, (wo, wi), heldout, pair_notes, out, show, seed, path_tracer)
+    _render_to(out, surface, (wo, wi), heldout, pair_notes, show, seed, path_tracer)
 
 
-def _bake(
+def _render_to(
+    out: Path,
     surface: Surface,
     pairs: tuple[Array, Array],
     heldout: Array | None,
     pair_notes: dict[str, Any],
-    out: Path,
     show: Progress,
     seed: int,
     path_tracer: PathTracer | None,
 ) -> None:
-    """Render a surface at `pairs`, wo and wi (N, 3), into a file or folder `out`; see `bake`.
+    """Render a surface at `pairs`, wo and wi (N, 3), and write it as `bake` does.
 
     `pair_notes` are what the provenance says of the pairs. `heldout` is the mask (N,) of the held-out pairs; None if
     there are none, or if the caller marks them. `seed` is that of the path tracer's random numbers.
     """
     wo, wi = pairs
     label = f"baking {surface.name}"
-    described = {"source": BAKED, "maps": surface.notes, "bake_version": BAKE_VERSION}
-    described |= {"renderer_version": RENDERER_VERSION, "sub_points": SUB_POINTS, "seed": seed} | DESCRIBED | pair_notes
+    provenance = {"source": BAKED, "maps": surface.notes, "bake_version": BAKE_VERSION}
+    provenance |= {"renderer_version": RENDERER_VERSION, "sub_points": SUB_POINTS, "seed": seed}
+    provenance |= DESCRIBED | pair_notes
     if path_tracer:
-        described |= path_tracer.provenance()
+        provenance |= path_tracer.provenance()
     values_shape = (len(wo), *surface.shape, 3)
 
     def write(values: Array) -> None:
         """Write the slices (N, H, W, 3) with their provenance."""
         source = ArraySource(values)
-        btf = BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=described)
-        write_btf(btf, out)
+        write_btf(BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=provenance), out)
 
     # A path tracer takes long, so its finished slices are kept for the case that it is stopped.
     if path_tracer:
-        partial = Partial(out, _digest(surface, wo, wi, described), values_shape)
-        show(label, partial.done, len(wo))
-        for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=partial.done):
-            partial.add(slices)
-            show(label, partial.done, len(wo))
-        write(partial.values)
-        partial.remove()
+        unfinished = UnfinishedBake(out, _values_key(surface, wo, wi, provenance), values_shape)
+        start = unfinished.done
+        show(label, start, len(wo))
+        for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=start):
+            unfinished.add(slices)
+            show(label, unfinished.done, len(wo))
+        write(unfinished.values)
+        unfinished.remove()
         return
     # The built-in renderer begins anew: its slices go to a file that is removed at the end, also after an error.
     with atomic.temporary(out) as scratch:
@@ -167,12 +168,9 @@ def _bake(
         write(values)
 
 
-def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -> str:
-    """A hash, in hexadecimal digits, of everything that determines the values of a surface at the pairs wo, wi (N, 3).
-
-    `described` is the provenance.
-    """
-    digest = hashlib.sha256(json.dumps(described, sort_keys=True, default=str).encode())
+def _values_key(surface: Surface, wo: Array, wi: Array, provenance: dict[str, Any]) -> str:
+    """A hash (hexadecimal) of everything that determines the values of a surface at the pairs wo, wi (N, 3)."""
+    digest = hashlib.sha256(json.dumps(provenance, sort_keys=True, default=str).encode())
     arrays = [wo, wi]
     for field in fields(surface.maps):
         picture = getattr(surface.maps, field.name)
@@ -216,7 +214,7 @@ def open_svbrdf(
                 moved = half_a_texel_further(surface.maps, surface.shape, SUB_POINTS)
                 surface = replace(surface, maps=moved)
             # `joined` marks the held-out pairs.
-            _bake(surface, pair_table.pairs, None, pair_notes, path, show, seed=0, path_tracer=path_tracer)
+            _render_to(path, surface, pair_table.pairs, None, pair_notes, show, seed=0, path_tracer=path_tracer)
 
         atomic.make_once(path, make)  # two processes must not both resume from the slices of a killed one
         return replace(open_btf(path), name=name)  # a reader names it by the file in the cache
@@ -227,7 +225,7 @@ def open_svbrdf(
 def _cache_key(map_files: MapFiles, size: int, pair_notes: dict[str, Any]) -> str:
     """A hash, in hexadecimal digits, of everything that determines the values of a bake with default options.
 
-    `size` is the longer side of the bake in texels; `pair_notes` are those of `_bake`, with those of a path tracer.
+    `size` is the longer side of the bake in texels; `pair_notes` are those of `_render_to`, and of a path tracer.
     """
     files_digest = FolderFiles(map_files.folder).digest(map_files.files.values())
     content = [files_digest, sorted(map_files.files.items()), *_read_differently_before(map_files)]
@@ -236,11 +234,11 @@ def _cache_key(map_files: MapFiles, size: int, pair_notes: dict[str, Any]) -> st
 
 
 def _read_differently_before(map_files: MapFiles) -> list[str]:
-    """The maps that an earlier program with the same `BAKE_VERSION` may have read differently, for the key of a bake.
+    """Words for the maps that an earlier program with the same `BAKE_VERSION` may have read differently.
 
-    With these words in the key, such a bake in the cache is not used, while those of all other maps stay valid. They
-    are an albedo of another colour space, told by its `colour_note`, and by their roles normals in PNG, which may be
-    drawn flat, and normals and heights in EXR or `.hdr`.
+    They stand in the key of a bake, so that a bake by such a program is not used, while bakes of all other maps stay
+    valid. The maps are an albedo of another colour space (its `colour_note`), normals in PNG, which may be drawn flat,
+    and normals and heights in EXR or `.hdr` (the role of each).
     """
     files = FolderFiles(map_files.folder)
     formats = {role: picture_format(files.head(name, 8)) for role, name in map_files.files.items()}

@@ -55,7 +55,10 @@ _UNREAD = f"only {SUPPORTED}"
 # Why a picture is not used although its name is known.
 _NOT_USED = {"": "not recognised", "occlusion": "shadows are cast by the renderer"}
 _NOT_USED |= {"specular": "the specular workflow is not read, give a metalness map"}
-_DOUBTFUL = ("", "specular")  # of these, what may be a map that the bake needs; an occlusion surely is none
+_DOUBTFUL = (
+    "",
+    "specular",
+)  # roles of pictures that may be a map that the bake needs; an occlusion is none
 _LISTS = ("pairs.csv", ".lp")  # endings of lists of pairs or lights, which make a folder of pictures a BTF
 
 
@@ -71,7 +74,7 @@ class MapFiles:
     folder: Path
     files: dict[str, str]  # role → file: its name in the folder, or an absolute path
     unused: dict[str, str]  # name of a picture that is not used → why, in words
-    doubtful: tuple[str, ...] = ()  # those of the unused that may be maps nevertheless, for a warning
+    doubtful: tuple[str, ...] = ()  # names of unused pictures that may be maps nevertheless, for a warning
 
 
 def looks_like_maps(folder: Path) -> bool:
@@ -87,12 +90,12 @@ def looks_like_maps(folder: Path) -> bool:
 
 def inner_maps(folder: Path) -> list[Path]:
     """The folders in a folder that look like maps; packages often keep them in one, like `textures`."""
-    found = []
+    folders = []
     for inner in sorted(folder.iterdir()):
         with suppress(OSError):  # one that may not be listed
             if looks_like_maps(inner):
-                found.append(inner)
-    return found
+                folders.append(inner)
+    return folders
 
 
 def no_albedo_fault(folder: Path) -> str:
@@ -141,22 +144,25 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
             by_name.setdefault(role, []).append(name)
     doubtful = tuple(name for name, role in role_of.items() if role in _DOUBTFUL)
     # 3. One file for each role.
-    if {"metalness", "packed", "metallic_smoothness"} & {*by_name, *by_user}:
-        unused |= _leave(by_name, "albedo", _is_base_colour, "the base colour is taken, because there is metalness")
+    if "albedo" in by_name and {"metalness", "packed", "metallic_smoothness"} & {*by_name, *by_user}:
+        by_name["albedo"], others = _preferred(by_name["albedo"], _is_base_colour)
+        unused |= dict.fromkeys(others, "the base colour is taken, because there is metalness")
     files_in_folder = FolderFiles(folder)
-    for role in by_name:
-        unused |= _leave(by_name, role, lambda name: bool(picture_format(files_in_folder.head(name, 8))), _UNREAD)
+    for role, several in by_name.items():
+        by_name[role], others = _preferred(several, lambda name: bool(picture_format(files_in_folder.head(name, 8))))
+        unused |= dict.fromkeys(others, _UNREAD)
     if "albedo" not in by_name | by_user:
         raise InputError(f"{folder}: {no_albedo_fault(folder)}")
     for role, several in by_name.items():
         unused |= _equal_files(folder, role, several)
     files = {role: several[0] for role, several in by_name.items()} | by_user
-    unused |= _drop_second_choices(files, by_user)
+    for role, why in _second_choices(files, by_user).items():
+        unused[files.pop(role)] = why
     return MapFiles(folder, files, unused, doubtful)
 
 
 def _equal_files(folder: Path, role: str, several: list[str]) -> dict[str, str]:
-    """The files of a role but the first, all of which equal it (file → that reason). `InputError` if one does not."""
+    """All files of a role but the first (file → why it is not used); `InputError` unless they equal the first."""
     first, *others = several
     if not all(filecmp.cmp(folder / first, folder / other, shallow=False) for other in others):
         remedy = f"keep one in the folder, or give bake --map {role}=FILE"
@@ -164,15 +170,12 @@ def _equal_files(folder: Path, role: str, several: list[str]) -> dict[str, str]:
     return dict.fromkeys(others, f"the same file as {first}")
 
 
-def _leave(by_name: dict[str, list[str]], role: str, is_better: Callable[[str], bool], why: str) -> dict[str, str]:
-    """Leave in `by_name` those of several files of a role that are better, if any are; returns the others (file →
-    `why`)."""
-    several = by_name.get(role, [])
+def _preferred(several: list[str], is_better: Callable[[str], bool]) -> tuple[list[str], list[str]]:
+    """Those of several files of a role that are better, and the others; all, and no others, if none is better."""
     better = [name for name in several if is_better(name)] if len(several) > 1 else []
     if not better:
-        return {}
-    by_name[role] = better
-    return {name: why for name in several if name not in better}
+        return several, []
+    return better, [name for name in several if name not in better]
 
 
 def _is_base_colour(name: str) -> bool:
@@ -180,27 +183,22 @@ def _is_base_colour(name: str) -> bool:
     return bool(_BASE_COLOUR.search(" ".join(_words(name))))
 
 
-def _drop_second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict[str, str]:
-    """Remove from `files` (role → file) those whose map a better file gives; returns them (file → the reason in words).
+def _second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict[str, str]:
+    """The roles in `files` (role → file) whose map a better file gives, each with the reason in words.
 
-    `by_user` (role → file) are those of the files that the user names.
+    `by_user` (role → file) are the files that the user names.
     """
-    reasons = {}  # file → why it is not used
+    reasons: dict[str, str] = {}
     for choice in _CHOICES:
         roles = [role for role in choice if role in files]
         # The user's file comes first, and then the order of the choice, which sorting keeps among equals.
         roles.sort(key=lambda role: role not in by_user)
-        for role in roles[1:]:
-            reasons[files.pop(role)] = _SAME_MAP
+        reasons |= dict.fromkeys(roles[1:], _SAME_MAP)
+    packed = [role for role in ("packed", "metallic_smoothness") if role in files]  # each holds both maps
     are_separate = "metalness" in files and ("roughness" in files or "smoothness" in files)
     if are_separate:
-        for role in ("packed", "metallic_smoothness"):
-            if role in files:
-                reasons[files.pop(role)] = "the folder has separate roughness and metalness"
-    # Both hold roughness and metalness.
-    if "packed" in files and "metallic_smoothness" in files:
-        reasons[files.pop("metallic_smoothness")] = _SAME_MAP
-    return reasons
+        return reasons | dict.fromkeys(packed, "the folder has separate roughness and metalness")
+    return reasons | dict.fromkeys(packed[1:], _SAME_MAP)
 
 
 def _user_file(folder: Path, role: str, file: str) -> str:
@@ -268,7 +266,7 @@ def _without_start(words: list[str], start: list[str]) -> list[str]:
 
 
 def _last_letter(words: list[str]) -> str:
-    """The last word of a name if it is a single letter; else "". A size after it is skipped: n of `rock_n_2k`."""
+    """The last word of a name, before a size, if it is a single letter, as the n of `rock_n_2k`; else ""."""
     end = len(words)
     while end and (words[end - 1].isdigit() or words[end - 1] == "k"):
         end -= 1

@@ -44,8 +44,6 @@ _SOURCES = {
         ("metallic_smoothness", RED, False, "red"),
     ],
 }
-# Their files are listed under the maps that are taken from them, not under their own role.
-_LISTED_ELSEWHERE = ("packed", "metallic_smoothness", "smoothness")
 log = logging.getLogger(__name__)
 
 
@@ -72,14 +70,9 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
         raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
     _warn_of_doubts(map_files)
     reader = _Reader(map_files, size)
-    # The notes begin with the file of each map; what follows adds how it is read.
-    notes = {role: name for role, name in map_files.files.items() if role not in _LISTED_ELSEWHERE}
-    conversion = colour_note(reader.files, reader.roles["albedo"])
-    if conversion:
-        notes["albedo"] += f": {conversion}"
-    roughness = reader.channel("roughness", notes, DEFAULT_ROUGHNESS)
-    metalness = reader.channel("metalness", notes, 0.0)
-    normal, height = _relief(reader, notes, depth)
+    roughness = reader.channel("roughness", DEFAULT_ROUGHNESS)
+    metalness = reader.channel("metalness", 0.0)
+    normal, height = _relief(reader, depth)
     if normal is not None:
         # Shrinking lost the variance of the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005), with |n̄| the length
         # of a mean normal, here at least 0.1, so that the quotient stays finite. α is roughness², so α² is roughness⁴.
@@ -91,8 +84,8 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     relief = 0.0 if height is None else height  # flat without a displacement
     albedo = reader.shrunk(reader.albedo)
     maps = Maps(relief, albedo, roughness, metalness, anisotropy=anisotropy, angle=angle, normal=normal)
-    notes |= {name: f"not used: {why}" for name, why in map_files.unused.items()}
-    return Surface(map_files.folder.resolve().name, reader.shape, maps, reader.full_shape, notes)
+    unused = {name: f"not used: {why}" for name, why in map_files.unused.items()}
+    return Surface(map_files.folder.resolve().name, reader.shape, maps, reader.full_shape, reader.notes | unused)
 
 
 def _warn_of_doubts(map_files: MapFiles) -> None:
@@ -105,7 +98,10 @@ def _warn_of_doubts(map_files: MapFiles) -> None:
 
 
 class _Reader:
-    """Reads the maps of one folder at full size, and shrinks them to the working grid."""
+    """Reads the maps of one folder at full size, and shrinks them to the working grid.
+
+    `notes` (map → its file and how it is used, in words) grow as maps are read.
+    """
 
     def __init__(self, map_files: MapFiles, size: int):
         """Read the albedo, whose shape all maps must have in proportion; `size` is that of `read_surface`."""
@@ -113,8 +109,14 @@ class _Reader:
             raise InputError(f"size must be at least 1, not {size}")
         self.files = FolderFiles(map_files.folder)
         self.roles = map_files.files  # role → file
+        # Files of more than one map, and inverted ones, are listed under the maps that are taken from them.
+        listed_elsewhere = ("packed", "metallic_smoothness", "smoothness")
+        self.notes = {role: file for role, file in self.roles.items() if role not in listed_elsewhere}
         name = self.roles["albedo"]
         self.albedo = read_picture(self.files, name)
+        conversion = colour_note(self.files, name)
+        if conversion:
+            self.notes["albedo"] += f": {conversion}"
         if self.albedo.min() < 0 or self.albedo.max() > 1:
             raise InputError(f"{self.files.label(name)}: an albedo must lie in [0, 1]: scale it")
         height, width = self.albedo.shape[:2]
@@ -158,11 +160,10 @@ class _Reader:
         """The format of a map's file, which the folder must have: `jpeg`, `png`, `exr`, `hdr`, or None for others."""
         return picture_format(self.files.head(self.roles[role], 8))
 
-    def channel(self, name: str, notes: dict[str, str], default: float) -> Array | float:
+    def channel(self, name: str, default: float) -> Array | float:
         """The map `name` of one number a texel, "roughness" or "metalness", on the working grid, in [0, 1].
 
-        It is that of the first of its sources that the folder has, else the number `default`. Where it is not a file of
-        its own, `notes[name]` is set to words that say which source it is.
+        It comes from the first of its sources that the folder has; without any, it is the number `default`.
         """
         for role, channel, is_inverted, words in _SOURCES[name]:
             picture = self.codes(role)
@@ -173,11 +174,11 @@ class _Reader:
             else:
                 values = picture[..., channel]
             if words:  # a map of its own is already in the notes
-                notes[name] = f"{self.roles[role]} ({words})"
+                self.notes[name] = f"{self.roles[role]} ({words})"
             if is_inverted:
                 values = 1 - values
             return np.clip(self.shrunk(values), 0, 1)
-        notes[name] = f"{default:g} (no map)"
+        self.notes[name] = f"{default:g} (no map)"
         return default
 
 
@@ -188,16 +189,15 @@ def _fitted_shape(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
     return max(1, round(height * longest / largest)), max(1, round(width * longest / largest))
 
 
-def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tuple[Array | None, Array | None]:
+def _relief(reader: _Reader, depth: float | None) -> tuple[Array | None, Array | None]:
     """Mean normals (H, W, 3) and displacement (H, W) in widths of the picture; None for each without a map.
 
-    A mean normal is the shorter the more the normals vary within its texel. `depth` is that of `read_surface`. How both
-    maps were read is added to `notes`.
+    A mean normal is the shorter the more the normals vary within its texel. `depth` is that of `read_surface`.
     """
     # 1. Both maps at full size, as their codes say; a role is "" where there is no file.
     normal_role = _first_role(reader, ("normal_gl", "normal_dx", "normal"))
     height_role = _first_role(reader, ("displacement", "depth"))
-    normal = _normals(reader, normal_role, notes)
+    normal = _normals(reader, normal_role)
     picture = reader.codes(height_role)
     height = None if picture is None else picture[..., 0]
     # 2. Which way is up, by comparing them.
@@ -209,18 +209,12 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
     # 3. Both the right way up, on the working grid.
     if normal is not None:
         green = "down (DX)" if is_green_down else "up (GL)"
-        notes[normal_role] += f": green {green}, {correlations.evidence(normal_role)}"
+        reader.notes[normal_role] += f": green {green}, {correlations.evidence(normal_role)}"
         if is_green_down:
             normal[..., 1] *= -1
         normal = reader.shrunk(normal)
     if height is not None:
-        height, used_depth = _with_depth(reader, height_role, height, depth, correlations.depth)
-        high = "dark" if is_inverted else "bright"
-        notes[height_role] += f": {high} is high, depth {used_depth:.4f} of the width"
-        if depth is None and correlations.depth is not None:
-            notes[height_role] += ", fitted to the normal map"
-        signed_depth = -used_depth if is_inverted else used_depth
-        height = reader.shrunk(height) * np.float32(signed_depth)
+        height = _displacement(reader, height_role, height, is_inverted, depth, correlations.depth)
     return normal, height
 
 
@@ -229,41 +223,49 @@ def _first_role(reader: _Reader, roles: tuple[str, ...]) -> str:
     return next((role for role in roles if role in reader.roles), "")
 
 
-def _with_depth(
-    reader: _Reader, role: str, height: Array, depth: float | None, fitted_depth: float | None
-) -> tuple[Array, float]:
-    """A displacement (H, W), and its depth: the factor that turns it into widths of the picture.
+def _displacement(
+    reader: _Reader, role: str, codes: Array, is_inverted: bool, user_depth: float | None, fitted_depth: float | None
+) -> Array:
+    """The displacement on the working grid, in widths of the picture, of a map's codes (H, W); inverted: dark is high.
 
-    It is `depth` if the user gives one, else `fitted_depth`, by which the slopes fit the normals best, else the
-    default. Warns where the unit of stored heights is unknown. `InputError` if the normals give a depth above 1.
+    The depth, the height of code 1 over code 0, is the user's if given, else the one by which the slopes fit the
+    normals best, else the default. Warns where the unit of stored heights is unknown. `InputError` if the depth is
+    above 1.
     """
     label = reader.files.label(reader.roles[role])
+    lowest, extent = 0.0, 1.0
     if reader.is_stored(role):
-        lowest, highest = float(height.min()), float(height.max())
-        height, fitted_depth = _from_any_unit(height, fitted_depth)
-        if depth is None and fitted_depth is None:
-            relief = f"the relief is taken as {DEFAULT_DEPTH * float(np.ptp(height)):.4f} of the width"
-            log.warning("%s: heights from %g to %g of unknown unit: %s: give --depth", label, lowest, highest, relief)
-    if depth is None:
-        depth = DEFAULT_DEPTH if fitted_depth is None else fitted_depth
+        lowest, extent = _range_of_unit(codes, fitted_depth)
+    heights = (codes - np.float32(lowest)) / np.float32(extent)
+    if user_depth is not None:
+        depth, origin = user_depth, ""
+    elif fitted_depth is not None:
+        depth, origin = fitted_depth * extent, ", fitted to the normal map"  # the same relief, of heights up to 1
+    else:
+        depth, origin = DEFAULT_DEPTH, ""
+        if reader.is_stored(role):
+            relief = f"the relief is taken as {depth * float(np.ptp(heights)):.4f} of the width"
+            fault = f"heights from {codes.min():g} to {codes.max():g} of unknown unit"
+            log.warning("%s: %s: %s: give --depth", label, fault, relief)
     if depth > 1:
         raise InputError(f"{label}: by the normals its relief is {depth:.3g} widths deep: give --depth, from 0 to 1")
-    return height, depth
+    reader.notes[role] += f": {'dark' if is_inverted else 'bright'} is high, depth {depth:.4f} of the width{origin}"
+    return reader.shrunk(heights) * np.float32(-depth if is_inverted else depth)
 
 
-def _from_any_unit(height: Array, fitted_depth: float | None) -> tuple[Array, float | None]:
-    """Stored heights (H, W), brought from any unit to [0, 1] if they go beyond it, and the depth that then fits."""
-    lowest, highest = float(height.min()), float(height.max())
-    # A unit of height above one width of the picture: heights then are tiny numbers.
+def _range_of_unit(heights: Array, fitted_depth: float | None) -> tuple[float, float]:
+    """The least of stored heights (H, W) and their extent, which bring any unit to [0, 1]; 0 and 1 if they lie there.
+
+    A unit above one width of the picture, by `fitted_depth`, counts as any unit: heights then are tiny numbers.
+    """
+    lowest, highest = float(heights.min()), float(heights.max())
     is_large_unit = fitted_depth is not None and fitted_depth > 1
     if highest > lowest and (lowest < 0 or highest > 1 or is_large_unit):
-        height = (height - np.float32(lowest)) / np.float32(highest - lowest)
-        if fitted_depth is not None:
-            fitted_depth *= highest - lowest  # the same relief, of heights that now reach from 0 to 1
-    return height, fitted_depth
+        return lowest, highest - lowest
+    return 0.0, 1.0
 
 
-def _normals(reader: _Reader, role: str, notes: dict[str, str]) -> Array | None:
+def _normals(reader: _Reader, role: str) -> Array | None:
     """Unit normals (H, W, 3) as a map's codes say, whether its green points up or down; None without a map."""
     codes = reader.codes(role)
     if codes is None:
@@ -271,7 +273,7 @@ def _normals(reader: _Reader, role: str, notes: dict[str, str]) -> Array | None:
     normal = 2 * codes - 1  # codes from 0 to 1 stand for components from −1 to 1
     if reader.is_stored(role) and _is_signed(codes):
         normal = codes  # components as they are, not encoded
-        notes[role] += " (stored from -1 to 1)"
+        reader.notes[role] += " (stored from -1 to 1)"
     if reader.kind(role) == "png":  # JPEG cannot hold the codes of flat exactly
         normal[_drawn_flat(codes), :2] = 0
     # In tangent space normals point away from the surface, toward +z, which is blue.
@@ -289,12 +291,9 @@ def _is_signed(values: Array) -> bool:
     if values.min() < -0.01:  # lossy compression leaves noise below 0
         return True
 
-    def off_unit(vectors: Array) -> float:
-        """How far the lengths of vectors (H, W, 3) are from 1, on average."""
-        return np.abs(np.linalg.norm(vectors, axis=-1) - 1).mean()
-
-    off_as_stored = off_unit(values)
-    off_decoded = off_unit(2 * values - 1)
+    # How far the lengths are from 1, on average, in either form.
+    off_as_stored = np.abs(np.linalg.norm(values, axis=-1) - 1).mean()
+    off_decoded = np.abs(np.linalg.norm(2 * values - 1, axis=-1) - 1).mean()
     return bool(off_as_stored < 0.02 and off_as_stored < off_decoded)
 
 

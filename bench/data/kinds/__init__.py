@@ -58,7 +58,7 @@ class Kind(ABC):
 
         It is a `MissingDataError` where its entry in a suite says where to get it.
         """
-        spec.there()
+        spec.required_path()
 
     @abstractmethod
     def open(

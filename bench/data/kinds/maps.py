@@ -19,7 +19,7 @@ class PbrMaps(Kind):
         """Whether its path is there and its pictures are named as maps; False for what is not on this machine."""
         from bench.data.bake.naming import looks_like_maps
 
-        path = spec.existing() if spec.path else None
+        path = spec.existing_path() if spec.path else None
         return path is not None and looks_like_maps(path)
 
     def open(
@@ -31,7 +31,7 @@ class PbrMaps(Kind):
         """
         from bench.data.bake import open_svbrdf
 
-        path = spec.there()
+        path = spec.required_path()
         if data.renderer == "builtin":
             return open_svbrdf(path, data, show, draw)
         if path_tracer is None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from bench.btf import BTF, HOLDOUT
 from bench.codec import Progress
-from bench.data.derived import alone, reads_slices, repaired, shrunk, thinned
+from bench.data.derived import over_own_pairs, reads_slices, repaired, shrunk, thinned
 from bench.data.kinds import OF_RENDERED, Kind, LoadTracer, no_such_setting
 from bench.data.spec import MaterialSpec, Preparation
 
@@ -28,13 +28,13 @@ class Measured(Kind):
         from bench.data.readers import open_btf
 
         named_unit = "" if data.angles == "checked" else data.angles
-        whole = replace(open_btf(spec.there(), named_unit), holdout=data.holdout)
+        whole = replace(open_btf(spec.required_path(), named_unit), holdout=data.holdout)
         if whole.heldout is not None and data.holdout != HOLDOUT:
             log.warning("%s: its data declare their test pairs, which data.holdout does not change", spec.name)
         btf = thinned(whole, data.pairs)
         is_copied = data.repair or data.texels or reads_slices(whole.source)
         if len(btf) < len(whole) and is_copied:
-            btf = alone(btf)
+            btf = over_own_pairs(btf)
         if data.split == "validation":
             btf = btf.without_test()  # its own split then holds out pairs to choose settings by
         elif data.validation:
@@ -44,7 +44,7 @@ class Measured(Kind):
         return shrunk(btf, data.texels)
 
     def ignores(self, spec: MaterialSpec, key: str) -> str:
-        if not spec.existing():
+        if not spec.existing_path():
             return ""  # what is not on this machine may be a folder of maps, which has other settings
         return no_such_setting(spec, "measured", key, OF_RENDERED)
 

@@ -45,12 +45,11 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
         raise InputError(f"{path}: there is no such file or folder: give {supported}")
     try:
         seen = Candidate(path, angles)
-        btf = _opened(seen)
-        faults: list[str] = []  # one sentence for each reader of another package that cannot be imported
+        btf = _opened_by_built_in(seen)
         if btf is None:
-            btf = outside.opened(seen, outside_readers.values(), faults)
-        if btf is None:
-            raise InputError("; ".join([f"{path}: {_unknown_fault(seen, supported)}", *faults]))
+            btf, faults = outside.opened(seen, outside_readers.values())
+            if btf is None:
+                raise InputError("; ".join([f"{path}: {_unknown_fault(seen, supported)}", *faults]))
         # A reader that used the unit says so in the provenance; without its note the option would do nothing. The file
         # may hold the note of another unit, from which it was converted.
         note = unit_note(angles)
@@ -72,13 +71,13 @@ def listed() -> dict[str, str]:
         lines[short_name] = file_format
     try:
         for name, entry in outside.entries(READERS).items():
-            lines[name] = outside.listed(entry)
+            lines[name] = outside.description(entry)
     except InputError as error:  # two packages may use one name; the built-in readers are listed nevertheless
         lines["(other packages)"] = f"FAILS: {error}"
     return lines
 
 
-def _opened(seen: Candidate) -> BTF | None:
+def _opened_by_built_in(seen: Candidate) -> BTF | None:
     """The BTF of the first built-in reader that knows the format; None if none does."""
     for name in READERS:
         module = name if "." in name else f"{__name__}.{name}"  # with a dot it is a full name

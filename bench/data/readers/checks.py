@@ -59,11 +59,11 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
         good = np.abs(length - 1) <= tolerance  # NaN and infinity are not
     if not good.all():
         row = int(np.argmin(good))
-        raise InputError(f"{label(row)}: {_listed(vectors[row])} is not a unit vector: give x y z of length 1")
+        raise InputError(f"{label(row)}: {_vector_words(vectors[row])} is not a unit vector: give x y z of length 1")
     above = vectors[:, 2] > HORIZON
     if not above.all():
         row = int(np.argmin(above))
-        fault = f"{label(row)}: {_listed(vectors[row])} is not above the surface (z > 0)"
+        fault = f"{label(row)}: {_vector_words(vectors[row])} is not above the surface (z > 0)"
         raise InputError(f"{fault}: {_remedy_below(vectors)}")
     return (vectors / length[:, None]).astype(np.float32)
 
@@ -139,14 +139,15 @@ def in_degrees(theta: Array, phi: Array, label: str, angles: str) -> tuple[Array
     """
     if angles == "radians":
         return np.degrees(theta), np.degrees(phi)
-    if angles != "degrees":
-        if _seem_radians(theta, phi):
-            fault = "every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians"
-            raise InputError(f"{label}: {fault}: say which they are by --radians or --degrees (data.angles)")
-        columns = {"theta": theta, "phi": phi}
-        if theta.ndim == 2:
-            columns = {"theta_o": theta[:, 0], "phi_o": phi[:, 0], "theta_i": theta[:, 1], "phi_i": phi[:, 1]}
-        _warn_of_columns(columns, label)
+    if angles == "degrees":
+        return theta, phi
+    if _seem_radians(theta, phi):
+        fault = "every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians"
+        raise InputError(f"{label}: {fault}: say which they are by --radians or --degrees (data.angles)")
+    columns = {"theta": theta, "phi": phi}
+    if theta.ndim == 2:
+        columns = {"theta_o": theta[:, 0], "phi_o": phi[:, 0], "theta_i": theta[:, 1], "phi_i": phi[:, 1]}
+    _warn_of_columns(columns, label)
     return theta, phi
 
 
@@ -176,7 +177,7 @@ def _column_seems_radians(values: Array, is_theta: bool) -> bool:
 
     Their spread must be that of radians, too: a camera that hardly moved has angles of a degree or so.
     """
-    around_0 = values if is_theta else np.abs((values + 180) % 360 - 180)
+    around_0 = values if is_theta else _around_0(values)
     if not around_0.size or np.allclose(around_0, np.round(around_0), atol=1e-3):
         return False
     low, high = float(around_0.min()), float(around_0.max())
@@ -190,10 +191,13 @@ def _seem_radians(theta: Array, phi: Array) -> bool:
 
     False if every θ is 0, which means the same in both units.
     """
-    # |φ| once φ is brought to [−180, 180), because 359 degrees are as near 0 as 1 degree is.
-    around_0 = np.abs((phi + 180) % 360 - 180)
     # Just above π / 2 = 1.571 and 2 π = 6.283.
-    return bool(0 < theta.max() < 1.6 and around_0.max() < 6.3)
+    return bool(0 < theta.max() < 1.6 and _around_0(phi).max() < 6.3)
+
+
+def _around_0(phi: Array) -> Array:
+    """|φ| in degrees once φ is brought to [−180, 180), because 359 degrees are as near 0 as 1 degree is."""
+    return np.asarray(np.abs((phi + 180) % 360 - 180))
 
 
 def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
@@ -216,7 +220,7 @@ def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
     return f"radiance is {shape} {dtype}: it must be (N, H, W, 3) floats{remedy}"
 
 
-def codes(values: Array) -> str:
+def codes_fault(values: Array) -> str:
     """A sentence on radiance (any shape) that is plainly 8-bit codes, for a warning; "" if it is not.
 
     Codes are whole numbers up to 255, or these over 255. Linear values decoded from sRGB do not lie on either grid.
@@ -232,7 +236,7 @@ def codes(values: Array) -> str:
     return "every value is a whole number of 255ths, as sRGB codes are: convert sRGB to linear"
 
 
-def negative(values: Array) -> str:
+def negative_fault(values: Array) -> str:
     """A sentence on radiance (any shape) below 0, for a warning; "" if there is none, or only noise."""
     least = float(values.min())
     exceeds_noise = least < -NOISE * float(values.max())
@@ -306,6 +310,6 @@ def view_major(wo: Array, wi: Array) -> Array:
     return np.lexsort(keys)
 
 
-def _listed(vector: Array) -> str:
+def _vector_words(vector: Array) -> str:
     """A vector in words: `(0, 0.6, 0.8)`."""
     return "(" + ", ".join(f"{value:g}" for value in vector) + ")"

@@ -15,7 +15,6 @@ import io
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -72,15 +71,13 @@ class Colour:
     # x and y of red, green, blue and white.
     chromaticities: tuple[float, ...] = REC709
 
-    def linear(self, codes: Array, curve: Array) -> Array:
-        """Linear Rec. 709 (…, 3) float32 in [0, 1] of integer codes (…, 3).
+    def linear(self, codes: Array, srgb: Array) -> Array:
+        """Linear Rec. 709 (…, 3) float32 in [0, 1] of integer codes (…, 3); a profile is applied by `srgb_by_profile`.
 
-        `curve` (number of codes,) holds the linear value of each code in sRGB; an exponent replaces it. A profile is
-        applied by `srgb_by_profile` instead.
+        `srgb` (number of codes,) holds the linear value of each code in sRGB, for a space with the curve of sRGB.
         """
-        if self.exponent:
-            fractions = np.arange(len(curve)) / (len(curve) - 1)  # of the largest code
-            curve = fractions ** (1 / self.exponent)
+        fractions = np.arange(len(srgb)) / (len(srgb) - 1)  # of the largest code
+        curve = fractions ** (1 / self.exponent) if self.exponent else srgb
         return np.clip(self.in_rec709(curve[codes]), 0, 1)  # colours outside the gamut of Rec. 709 leave [0, 1]
 
     def in_rec709(self, light: Array) -> Array:
@@ -91,7 +88,7 @@ class Colour:
         return np.asarray(light, np.float32)
 
 
-def stated_colour(data: bytes, kind: str | None, label: str) -> tuple[Colour | None, list[str]]:
+def stated_colour(data: bytes, kind: str, label: str) -> tuple[Colour | None, list[str]]:
     """The colour space of a picture of format `kind` from the bytes before its pixels, and what it says of colour that
     is ignored; None for sRGB, and for linear Rec. 709 in EXR and Radiance.
 
@@ -114,39 +111,31 @@ def _by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
     if attributes is None or exr.channels_to_read(attributes, label) == ("X", "Y", "Z"):
         return None, []  # X, Y, Z are of no primaries
     ignored = [name for name in _EXR_IGNORED if name in attributes]
-    decided: Colour | None = None
-    is_superseded = False
+    stated: list[Colour] = []
     for field in ("colorInteropID", "chromaticities", "oiio:ColorSpace"):
         if field not in attributes:
             continue
-        words, primaries = _stated_by(field, attributes[field], label, is_superseded)
-        if primaries is None:
+        space = "" if field == "chromaticities" else attributes[field].rstrip(b"\0").decode("utf-8", "replace")
+        words = f"{field} {space[:60]}".strip()
+        if stated and stated[0].name.startswith("colorInteropID"):
             ignored.append(words)
             continue
-        if decided and not _alike(decided.chromaticities, primaries):
-            fault = f"its {decided.name} and its {words} state different colours"
+        primaries: tuple[float, ...] | None
+        if field == "chromaticities":
+            primaries = struct.unpack("<8f", attributes[field])
+            _refuse_flat(primaries, label, field)
+        else:
+            primaries = _primaries_of(space, f"{label}: its {words}")
+        if primaries is None:
+            ignored.append(words)
+        else:
+            stated.append(Colour(words, chromaticities=primaries))
+    for other in stated[1:]:
+        if not _alike(stated[0].chromaticities, other.chromaticities):
+            fault = f"its {stated[0].name} and its {other.name} state different colours"
             raise InputError(f"{label}: {fault}: leave the one that is right")
-        decided = decided or Colour(words, chromaticities=primaries)
-        is_superseded = decided.name.startswith("colorInteropID")
-    if decided and _alike(decided.chromaticities, REC709):
-        decided = None
-    return decided, ignored
-
-
-def _stated_by(field: str, content: bytes, label: str, is_superseded: bool) -> tuple[str, tuple[float, ...] | None]:
-    """What an attribute of an EXR that speaks of its space says, in words, and the chromaticities that it states.
-
-    None for these if it `is_superseded`, so that nobody needs them, or states none.
-    """
-    if field == "chromaticities":
-        if is_superseded:
-            return field, None
-        chromaticities = struct.unpack("<8f", content)
-        _refuse_flat(chromaticities, label, field)
-        return field, chromaticities
-    space = content.rstrip(b"\0").decode("utf-8", "replace")
-    words = f"{field} {space[:60]}"
-    return words, None if is_superseded else _primaries_of(space, f"{label}: its {words}")
+    is_rec709 = not stated or _alike(stated[0].chromaticities, REC709)
+    return None if is_rec709 else stated[0], ignored
 
 
 def _primaries_of(space: str, label: str) -> tuple[float, ...] | None:
@@ -184,33 +173,47 @@ def _by_radiance(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
     return Colour(" and ".join(used), chromaticities=chromaticities), header.ignored
 
 
-def _of_codes(data: bytes, kind: str | None, label: str) -> Colour | None:
-    """The space of a JPEG or PNG (`kind`) from the bytes before its pixels; None for sRGB, and for other kinds."""
-    profile = b""
-    if kind == "png":
-        # cICP comes before a profile, a profile before sRGB, and that before gAMA and cHRM. EXIF counts without these.
-        chunks = dict(before_pixels(data))
-        if b"cICP" in chunks:
-            return _by_number(chunks[b"cICP"], label)
-        if b"iCCP" in chunks:
-            _, _, after_name = chunks[b"iCCP"].partition(b"\0")
-            packed = after_name[1:]  # its first byte is the method of compression
-            profile = zlib.decompressobj().decompress(packed, _MOST_PROFILE)
-        elif b"sRGB" in chunks:
-            return None
-        elif {b"gAMA", b"cHRM"} & set(chunks):
-            return _by_chunks(chunks, label)
-    elif kind == "jpeg":
-        # A long profile lies in numbered parts.
-        profile = b"".join(part for _, part in sorted(_profile_parts(data)))
-    else:
+def _of_codes(data: bytes, kind: str, label: str) -> Colour | None:
+    """The space of a JPEG or PNG (`kind`) from the bytes before its pixels; None for sRGB."""
+    parts = list(before_pixels(data))
+    chunks = dict(parts) if kind == "png" else {}
+    # cICP comes before a profile, a profile before sRGB, and that before gAMA and cHRM. EXIF counts without these.
+    if b"cICP" in chunks:
+        return _by_number(chunks[b"cICP"], label)
+    profile = _jpeg_profile(parts) if kind == "jpeg" else _png_profile(chunks)
+    if profile:
+        return _by_profile(profile, label)
+    if b"sRGB" in chunks:
         return None
-    if not profile:
-        return _by_exif(data, kind)
-    name = _unless_srgb(profile, _mode(profile, label), label)
-    if not name:  # the profile is that of sRGB
-        return None
-    return Colour(f"ICC profile {name}", profile)
+    if {b"gAMA", b"cHRM"} & set(chunks):
+        return _by_chunks(chunks, label)
+    return _by_exif(data)
+
+
+def _png_profile(chunks: dict[bytes, bytes]) -> bytes:
+    """The ICC profile among the chunks of a PNG, by name; empty without one."""
+    _, _, after_name = chunks.get(b"iCCP", b"").partition(b"\0")
+    packed = after_name[1:]  # its first byte is the method of compression
+    return zlib.decompressobj().decompress(packed, _MOST_PROFILE)
+
+
+def _jpeg_profile(parts: list[tuple[bytes, bytes]]) -> bytes:
+    """The ICC profile in the segments of a JPEG, (marker, content) each (ICC.1:2010, B.4); empty without one."""
+    mark = b"ICC_PROFILE\0"
+    # After the mark come the number of a part of the profile and the number of all parts, one byte each.
+    contents = [content for marker, content in parts if marker == b"\xe2" and content.startswith(mark)]
+    return b"".join(content[len(mark) + 2 :] for content in sorted(contents))  # by the numbers
+
+
+def _by_profile(profile: bytes, label: str) -> Colour | None:
+    """The space of an ICC profile; None for sRGB. `InputError` for a profile that cannot be applied."""
+    from PIL import ImageCms
+
+    try:
+        name = _name_unless_srgb(profile, _mode(profile, label))
+    except (ImageCms.PyCMSError, OSError) as error:
+        raise InputError(f"{label}: its ICC profile cannot be applied ({error}): save it as sRGB") from error
+    return Colour(f"ICC profile {name}", profile) if name else None
 
 
 def srgb_by_profile(image: Any, colour: Colour, label: str) -> Array:
@@ -286,13 +289,13 @@ def _refuse_flat(chromaticities: tuple[float, ...], label: str, field: str) -> N
         raise InputError(f"{label}: the primaries of its {field} span no colours: save it without")
 
 
-def _by_exif(data: bytes, kind: str) -> Colour | None:
-    """Adobe RGB, if the camera's notes in a JPEG or PNG (`kind`) say so; else None, which is sRGB.
+def _by_exif(data: bytes) -> Colour | None:
+    """Adobe RGB, if the camera's notes in a JPEG or PNG say so; else None, which is sRGB.
 
     By DCF 2.0 the interoperability index R03 says it; some cameras write the colour space 2 instead. Colour space 1 is
     sRGB, whatever the index.
     """
-    notes = exif(data, kind)
+    notes = exif(data)
     if notes is None:
         return None
     with warnings.catch_warnings():
@@ -306,30 +309,6 @@ def _by_exif(data: bytes, kind: str) -> Colour | None:
     if not is_adobe:
         return None
     return Colour("Adobe RGB by EXIF", b"", ADOBE_EXPONENT, ADOBE_RGB)
-
-
-def _profile_parts(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """(number, content) of each part of a JPEG's ICC profile, in the order of the file (ICC.1:2010, B.4).
-
-    A segment holds one part; no part at all without a profile.
-    """
-    mark = b"ICC_PROFILE\0"
-    # After the mark come the number of the part and the number of all parts, one byte each.
-    start = len(mark) + 2
-    for marker, content in before_pixels(data):
-        if marker == b"\xe2" and content.startswith(mark) and len(content) > start:
-            number = content[len(mark)]
-            yield number, content[start:]
-
-
-def _unless_srgb(profile: bytes, mode: str, label: str) -> str:
-    """As `_name_unless_srgb`; a profile that cannot be applied is an `InputError` for the picture `label`."""
-    from PIL import ImageCms
-
-    try:
-        return _name_unless_srgb(profile, mode)
-    except (ImageCms.PyCMSError, OSError) as error:
-        raise InputError(f"{label}: its ICC profile cannot be applied ({error}): save it as sRGB") from error
 
 
 @lru_cache(16)

@@ -95,13 +95,11 @@ def channels_to_read(attributes: dict[str, bytes], label: str) -> tuple[str, ...
         name = data[offset:name_end].decode("latin-1")
         channels[name] = struct.unpack_from("<i4xii", data, name_end + 1)
         offset = name_end + 1 + 16
-    # Y is then the luminance of a coloured picture, whose colours are stored with fewer samples.
-    has_chroma = bool({"RY", "BY"} & set(channels))
-    for choice in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",)):
-        is_coloured_y = choice == ("Y",) and has_chroma
-        if set(choice) <= set(channels) and not is_coloured_y:
-            break
-    else:  # no choice is there
+    choices: list[tuple[str, ...]] = [("R", "G", "B"), ("X", "Y", "Z")]
+    if not {"RY", "BY"} & set(channels):  # with these, Y is the luminance of a coloured picture
+        choices.append(("Y",))
+    choice = next((names for names in choices if set(names) <= set(channels)), None)
+    if choice is None:
         missing = ", ".join(name for name in "RGB" if name not in channels)
         held = ", ".join(sorted(channels)) or "none"
         raise InputError(f"{label}: no channel {missing} (it holds {held}): save it with channels R, G, B")

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.btf import BTF, Array, Source, finite, in_float32
-from bench.data.joined import followed
+from bench.data.joined import appended
 from bench.data.readers.checks import no_duplicates, provenance_of, unit_directions
 from bench.data.readers.files import Candidate, file_digest
 from bench.data.readers.pictures import MAX_PIXELS
@@ -46,31 +46,31 @@ def opened(seen: Candidate) -> BTF | None:
     if not seen.head.startswith(SIGNATURE):
         return None
     path = seen.path
-    btf = _open_file(path)
+    btf = _btf_of_file(path)
     heldout_path = path.with_name(TRAINING.sub(HELDOUT, path.name))  # the same path without `_full` in the name
     if heldout_path == path or not heldout_path.is_file():
         return btf
-    heldout = _open_file(heldout_path)
+    heldout = _btf_of_file(heldout_path)
     if heldout.shape != btf.shape:
         (height, width), (btf_height, btf_width) = heldout.shape, btf.shape
         sizes = f"its pictures are {width} x {height}, those of {path.name} {btf_width} x {btf_height}"
         raise InputError(f"{heldout_path}: {sizes}: move it away")
-    whole = followed(btf, heldout, "heldout", f"the {len(heldout)} pairs of {heldout_path.name}")
+    whole = appended(btf, heldout, "heldout", f"the {len(heldout)} pairs of {heldout_path.name}")
     labels = [f"{path}: pair {pair}" for pair in range(len(btf))]
     labels += [f"{heldout_path}: pair {pair}" for pair in range(len(heldout))]
     no_duplicates(whole.wo, whole.wi, labels.__getitem__)
     return whole
 
 
-def _open_file(path: Path) -> BTF:
+def _btf_of_file(path: Path) -> BTF:
     """The BTF of one HDF5 file, without the held-out file that may lie beside it.
 
     Directions are read, pictures are not. `InputError` for data sets of a wrong form.
     """
-    with _file(path) as file:
-        colour = _stored(path, file, COLOUR)
-        view = _stored(path, file, VIEW)
-        light = _stored(path, file, LIGHT)
+    with _open_hdf5(path) as file:
+        colour = _float_data_set(path, file, COLOUR)
+        view = _float_data_set(path, file, VIEW)
+        light = _float_data_set(path, file, LIGHT)
         if colour.ndim != 4 or colour.shape[-1] != 3 or 0 in colour.shape:
             raise InputError(f"{path}: {COLOUR} is {colour.shape}: it must be (N, H, W, 3)")
         count, height, width = colour.shape[:3]
@@ -88,7 +88,7 @@ def _open_file(path: Path) -> BTF:
 
 
 @contextmanager
-def _file(path: Path) -> Iterator[Any]:
+def _open_hdf5(path: Path) -> Iterator[Any]:
     """The open `h5py.File`. It is opened for each read, so threads and forks share no state of the library.
 
     No lock is set on it. Without h5py, or if the file is damaged, an `InputError`.
@@ -99,7 +99,7 @@ def _file(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _stored(path: Path, file: Any, key: str) -> Any:
+def _float_data_set(path: Path, file: Any, key: str) -> Any:
     """The data set `key` (`h5py.Dataset`): plain floats, all written, in this file, of a size that its bytes can hold.
 
     `InputError` if it is anything else.
@@ -185,16 +185,16 @@ class HDF5Source(Source):
     Scattered reads use the defaults of `Source`, which copy all pictures to a scratch file once.
     """
 
-    def __init__(self, path: Path, stored: tuple[int, int, int], window: Window, chunk: int):
-        """`stored` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks.
+    def __init__(self, path: Path, file_shape: tuple[int, int, int], window: Window, chunk: int):
+        """`file_shape` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks.
 
         Pictures of a chunk are best read together (`at_once`), as far as they fit into `AT_ONCE` bytes.
         """
         self.path = path
-        self.stored = stored
+        self.file_shape = file_shape
         self.rectangle = window
         self.chunk = chunk
-        self.count = stored[0]
+        self.count = file_shape[0]
         self.shape = (window.height, window.width)
         bytes_of_a_picture = 12 * window.height * window.width  # three float32 values a texel
         self.at_once = max(1, min(chunk, AT_ONCE // bytes_of_a_picture))
@@ -202,7 +202,7 @@ class HDF5Source(Source):
     def slices(self, pairs: Array) -> list[Array]:
         """As `Source.slices`: (H, W, 3) float32 each, row 0 on top; `InputError` where a value is not finite."""
         top, left, height, width = self.rectangle
-        bottom = self.stored[1] - top - height  # the file's row 0 is the bottom
+        bottom = self.file_shape[1] - top - height  # the file's row 0 is the bottom
         first, last = int(pairs.min()), int(pairs.max()) + 1  # `last` is behind the last pair
         stretches = [(first, last)]  # (start, end) of pictures that are read together
         # One stretch is fastest for neighbours, even with some pictures between them. Pairs that lie further apart are
@@ -210,7 +210,7 @@ class HDF5Source(Source):
         if last - first > 2 * self.at_once:
             stretches = [(int(pair), int(pair) + 1) for pair in pairs]
         slices: dict[int, Array] = {}  # pair → picture
-        with _file(self.path) as file:
+        with _open_hdf5(self.path) as file:
             for start, end in stretches:
                 values = file[COLOUR][start:end, bottom : bottom + height, left : left + width]
                 pictures = in_float32(values, f"{self.path}: {COLOUR}")[:, ::-1]  # now row 0 is the top
@@ -223,7 +223,7 @@ class HDF5Source(Source):
             # It reaches around the border: the default reads whole pictures and picks texels out of them.
             return super().window(top, left, height, width)
         window = Window(self.rectangle.top + top, self.rectangle.left + left, height, width)
-        return HDF5Source(self.path, self.stored, window, self.chunk)
+        return HDF5Source(self.path, self.file_shape, window, self.chunk)
 
     def fingerprint(self) -> str:
         rectangle = tuple(self.rectangle)  # as text `(0, 0, 64, 64)`

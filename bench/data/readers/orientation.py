@@ -1,7 +1,7 @@
 """What stands in a JPEG or PNG before its pixels, and the orientation that a camera noted (EXIF, XMP).
 
 A camera that lies on its side stores the picture turned, and notes how. A picture is read as it is shown, upright, not
-as it is stored. `kind` is the format: `jpeg` or `png`; any other, or None, has no such notes here.
+as it is stored.
 """
 
 import io
@@ -30,9 +30,9 @@ _TURNS: dict[int, Callable[[Array], Array]] = {
 }
 
 
-def orientation(data: bytes, kind: str | None) -> int:
+def orientation(data: bytes) -> int:
     """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 without a valid note."""
-    return _stated_orientation(exif(data, kind))
+    return _stated_orientation(exif(data))
 
 
 def late_orientation(data: bytes) -> int:
@@ -41,7 +41,7 @@ def late_orientation(data: bytes) -> int:
     late = names[names.index(b"IDAT") :] if b"IDAT" in names else []
     if not {b"eXIf", b"tEXt", b"zTXt", b"iTXt"} & set(late):
         return 1
-    return _stated_orientation(_exif(data, is_whole=True))
+    return _stated_orientation(exif(data, is_whole=True))
 
 
 def _stated_orientation(notes: Any) -> int:
@@ -52,17 +52,12 @@ def _stated_orientation(notes: Any) -> int:
     return 1
 
 
-def exif(data: bytes, kind: str | None) -> Any:
-    """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif` (tag → value), from the bytes before its pixels.
+def exif(data: bytes, is_whole: bool = False) -> Any:
+    """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif` (tag → value); None without valid ones.
 
-    None without valid ones. Pillow finds them: in a segment or chunk of EXIF, in a PNG's text, and the orientation in
-    XMP.
+    Without `is_whole` only the bytes before the pixels are needed. Pillow finds the notes: in a segment or chunk of
+    EXIF, in a PNG's text, and the orientation in XMP.
     """
-    return _exif(data, is_whole=False) if kind in ("jpeg", "png") else None
-
-
-def _exif(data: bytes, is_whole: bool) -> Any:
-    """The notes of a JPEG or PNG; without `is_whole` the data may end with what stands before its pixels."""
     from PIL import Image
 
     with warnings.catch_warnings():

@@ -33,13 +33,14 @@ def entries(built_in: Collection[str]) -> dict[str, EntryPoint]:
     return readers
 
 
-def opened(seen: Candidate, readers: Iterable[EntryPoint], faults: list[str]) -> BTF | None:
-    """The BTF of the first of these readers that knows the format of `seen`; None if none does.
+def opened(seen: Candidate, readers: Iterable[EntryPoint]) -> tuple[BTF | None, list[str]]:
+    """The BTF of the first of these readers that knows the format of `seen`, None if none does; and faults.
 
-    A reader that cannot be imported does not stop the others: what is wrong with it is added to `faults`. Raises
-    `PluginError` that names the reader, if it fails or returns something else than a BTF whose first slice is (H, W, 3)
-    float32; an `InputError` of its own, which is about the file, is passed on.
+    A fault is a sentence on a reader that cannot be imported, which does not stop the others. Raises `PluginError` that
+    names the reader, if it fails or returns something else than a BTF whose first slice is (H, W, 3) float32; an
+    `InputError` of its own, which is about the file, is passed on.
     """
+    faults = []
     for entry in readers:
         try:
             reader = _module(entry)
@@ -57,11 +58,11 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint], faults: list[str]) ->
         if first.shape != (*btf.shape, 3) or first.dtype != np.float32:
             fault = f"slice 0 is {first.shape} {first.dtype}, but must be {(*btf.shape, 3)} float32"
             raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
-        return btf
-    return None
+        return btf, faults
+    return None, faults
 
 
-def listed(entry: EntryPoint) -> str:
+def description(entry: EntryPoint) -> str:
     """The first line of the docstring of a reader, which is imported, or words for what is wrong with the reader."""
     try:
         text = (_module(entry).__doc__ or "").strip()

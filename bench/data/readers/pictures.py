@@ -39,6 +39,7 @@ SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
 # The kinds of JPEG that are read, by the marker of the frame header, which holds the size: baseline, extended and
 # progressive, then extended and progressive with arithmetic coding.
 _DECODED = (0xC0, 0xC1, 0xC2, 0xC9, 0xCA)
+_DAMAGED = "the picture is damaged; get it again"
 
 
 @cache
@@ -67,6 +68,7 @@ def colour_note(files: Files, name: str) -> str:
 class _Header:
     """What the header of a picture says."""
 
+    kind: str  # `jpeg`, `png`, `exr` or `hdr`
     size: tuple[int, int]  # (H, W) of the upright picture
     orientation: int  # in which it is stored: from 1, upright, to 8
     colour: Colour | None  # its colour space; None for sRGB, or linear Rec. 709 of EXR and Radiance
@@ -74,11 +76,11 @@ class _Header:
 
 
 def _header(files: Files, name: str, is_colour: bool = True, rgb_is_xyz: bool = False) -> _Header:
-    """What the header of a picture says; its colour space is not looked at without `is_colour`, nor, with
-    `rgb_is_xyz`, that of an EXR.
+    """What the header of a picture says.
 
-    Reads the start of the file, or all of it if the header is long. `InputError` for a file that is no supported
-    picture, is damaged, claims an absurd size, or states a colour space that cannot be converted.
+    The colour space that it states does not count without `is_colour`; that of an EXR does not with `rgb_is_xyz`. Reads
+    the start of the file, or all of it if the header is long. `InputError` for a file that is no supported picture, is
+    damaged, claims an absurd size, or states a colour space that cannot be converted.
     """
     label = files.label(name)
     file_bytes = files.size(name)
@@ -86,7 +88,7 @@ def _header(files: Files, name: str, is_colour: bool = True, rgb_is_xyz: bool = 
     kind = picture_format(data)
     if kind is None:
         raise InputError(f"{label}: it begins with {data[:8]!r}, like no known picture: {SUPPORTED}")
-    with readable(label, "the picture is damaged; get it again"):
+    with readable(label, _DAMAGED):
         stored_size = _SIZES[kind](data, label)
         if not stored_size and len(data) < file_bytes:  # a long header, as with a large colour profile
             data = files.read(name)
@@ -98,19 +100,18 @@ def _header(files: Files, name: str, is_colour: bool = True, rgb_is_xyz: bool = 
     if min(stored_size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * file_bytes):
         fault = f"its header says {width} x {height} pixels, but it has {file_bytes} bytes"
         raise InputError(f"{label}: {fault}: get it again")
-    with readable(label, "the picture is damaged; get it again"):
-        turn = orientation(data, kind)
-        colour: Colour | None = None
-        ignored: list[str] = []
+    colour: Colour | None = None
+    ignored: list[str] = []
+    with readable(label, _DAMAGED):
+        turn = orientation(data) if kind in ("jpeg", "png") else 1
         if is_colour and not (rgb_is_xyz and kind == "exr"):
             colour, ignored = stated_colour(data, kind, label)
         has_16_bits = kind == "png" and data[PNG_BITS] == 16
     # Profiles are applied by a library that takes 8 bits (`bench.data.readers.colour`).
     if colour and colour.profile and has_16_bits:
-        raise InputError(
-            f"{label}: {colour.name} in 16 bits is not converted: save it as 16-bit sRGB, or as linear EXR"
-        )
-    return _Header(upright_size(stored_size, turn), turn, colour, ignored)
+        fault = f"{colour.name} in 16 bits is not converted"
+        raise InputError(f"{label}: {fault}: save it as 16-bit sRGB, or as linear EXR")
+    return _Header(kind, upright_size(stored_size, turn), turn, colour, ignored)
 
 
 def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour: bool = True) -> Array:
@@ -124,21 +125,19 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
     """
     header = _header(files, name, is_colour, rgb_is_xyz)
     label = files.label(name)
-    height, width = header.size
-    with readable(label, "the picture is damaged; get it again"):
-        kind = picture_format(files.head(name, 8))  # 8 bytes are the longest of `_STARTS`
-        if kind not in ("exr", "hdr"):
-            picture = _read_codes(files.read(name), kind, header, label)
-        elif kind == "hdr":
+    with readable(label, _DAMAGED):
+        if header.kind in ("jpeg", "png"):
+            picture = _decoded(files.read(name), header, label)
+        elif header.kind == "hdr":
             picture = radiance.read(files.read(name), label)
         elif isinstance(files, FolderFiles):
             picture = exr.read(files.root / name, label, rgb_is_xyz)
         else:  # its library opens a path, and nothing is extracted from an archive
             raise InputError(f"{label}: EXR is read from folders only: extract the archive and give the folder")
-        if header.colour and kind in ("exr", "hdr"):
+        if header.colour and header.kind in ("exr", "hdr"):
             picture = header.colour.in_rec709(picture)
-    if picture.shape != (height, width, 3):
-        raise InputError(f"{label}: it holds {picture.shape}, but its header says {(height, width, 3)}: get it again")
+    if picture.shape != (*header.size, 3):
+        raise InputError(f"{label}: it holds {picture.shape}, but its header says {(*header.size, 3)}: get it again")
     return finite(picture, label)
 
 
@@ -149,11 +148,11 @@ def read_alpha(files: Files, name: str) -> Array:
     """
     header = _header(files, name, is_colour=False)
     label = files.label(name)
-    with readable(label, "the picture is damaged; get it again"):
+    with readable(label, _DAMAGED):
         from PIL import Image
 
         picture = None
-        if picture_format(files.head(name, 8)) == "png":
+        if header.kind == "png":
             picture = Image.open(io.BytesIO(files.read(name)), formats=["PNG"])
         # A PNG has alpha as a channel, or as a list of transparent colours.
         has_alpha = picture is not None and ("A" in picture.getbands() or "transparency" in picture.info)
@@ -185,7 +184,6 @@ class PictureSource(Source):
         if labels is None:
             labels = [files.label(name) for name in self.names]
         first_labels: dict[str, str] = {}  # name → label of the first entry that lists the picture
-        sizes = set()
         for name, label in zip(self.names, labels, strict=True):
             _refuse_missing(files, name, label)
             # The pairs are known to differ, so one picture cannot be of two of them.
@@ -194,22 +192,17 @@ class PictureSource(Source):
                 fault = f"{name} already stands in {first_label}, for other directions"
                 raise InputError(f"{label}: {fault}: give each pair its own picture")
             header = _header(files, name, rgb_is_xyz=options.get("rgb_is_xyz", False))
-            self._keep(name, header)
-            sizes.add(header.size)
-            if len(sizes) == 1:
+            if name == self.names[0]:
                 self.shape = header.size
-            else:
+            elif header.size != self.shape:
                 (height, width), (first_height, first_width) = header.size, self.shape
                 first = f"{self.names[0]} is {first_width} x {first_height}: give all pictures one size"
                 raise InputError(f"{label}: {name} is {width} x {height} pixels, but {first}")
-
-    def _keep(self, name: str, header: _Header) -> None:
-        """Keep what the header of a picture says of its orientation and its colours."""
-        self.ignored += header.ignored
-        if header.orientation > 1:  # 1 is upright
-            self.orientations[name] = header.orientation
-        if header.colour:
-            self.colours[name] = header.colour.name
+            self.ignored += header.ignored
+            if header.orientation > 1:  # 1 is upright
+                self.orientations[name] = header.orientation
+            if header.colour:
+                self.colours[name] = header.colour.name
 
     def slice(self, pair: int) -> Array:
         """The picture of a pair (H, W, 3), read and decoded anew; `InputError` if its size is no longer the same."""
@@ -231,13 +224,13 @@ class PictureSource(Source):
         """The notes for a provenance, by key: colour spaces that are converted, and what is ignored; {} if neither."""
         notes = {}
         if self.colours:
-            notes["colour_profiles"] = f"converted to linear Rec. 709 from {self._listed(list(self.colours.values()))}"
+            notes["colour_profiles"] = f"converted to linear Rec. 709 from {self._counted(list(self.colours.values()))}"
         if self.ignored:
-            notes["ignored"] = self._listed(self.ignored)
+            notes["ignored"] = self._counted(self.ignored)
         return notes
 
-    def _listed(self, words: list[str]) -> str:
-        """Words of pictures, each with the number of pictures that have them."""
+    def _counted(self, words: list[str]) -> str:
+        """A list of what pictures state, in words, each with the number of pictures that state it."""
         counts = sorted(Counter(words).items())
         return ", ".join(f"{word} ({count} of {self.count} pictures)" for word, count in counts)
 
@@ -318,38 +311,37 @@ def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
 _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": radiance.size}
 
 
-def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
+def _decoded(data: bytes, header: _Header, label: str) -> Array:
     """A JPEG or PNG in linear Rec. 709, (H, W, 3) float32, upright.
 
     Its codes are decoded as the colour space of `header` says, or else as sRGB. `InputError` for a PNG whose notes
     behind its pixels turn it.
     """
-    if kind == "png" and late_orientation(data) not in (1, header.orientation):
+    if header.kind == "png" and late_orientation(data) not in (1, header.orientation):
         fault = "notes behind its pixels say that it is turned, too late to be seen when its size is read"
         raise InputError(f"{label}: {fault}: save it upright")
-    return upright(_decoded(data, kind, header, label), header.orientation)
-
-
-def _decoded(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
-    """As `_read_codes`, but as stored, not upright."""
     colour = header.colour
-    if kind == "png" and data[PNG_BITS] == 16:
-        stored_size = upright_size(header.size, header.orientation)
-        codes = _png16(data, stored_size, label)
-        curve = srgb_table(1 << 16)
+    if header.kind == "png" and data[PNG_BITS] == 16:
+        codes = _png16(data, upright_size(header.size, header.orientation), label)
+        srgb = srgb_table(1 << 16)
     else:
-        from PIL import Image
+        codes = _codes_of_8_bits(data, colour, label)
+        srgb = srgb_table(256)
+    if colour and not colour.profile:  # applying a profile gives sRGB codes
+        return upright(colour.linear(codes, srgb), header.orientation)
+    return upright(srgb[codes], header.orientation)
 
-        curve = srgb_table(256)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of large pictures; the size was checked already
-            picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
-            if colour and colour.profile:  # applying the profile gives sRGB codes
-                return curve[srgb_by_profile(picture, colour, label)]
-            codes = np.asarray(picture.convert("RGB"))
-    if colour:  # not a profile
-        return colour.linear(codes, curve)
-    return curve[codes]
+
+def _codes_of_8_bits(data: bytes, colour: Colour | None, label: str) -> Array:
+    """Codes (H, W, 3) uint8 of a JPEG or PNG, as stored; in sRGB if `colour` is a profile, else in its own space."""
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns of large pictures; the size was checked already
+        picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
+        if colour and colour.profile:
+            return srgb_by_profile(picture, colour, label)
+        return np.asarray(picture.convert("RGB"))
 
 
 def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:

@@ -37,10 +37,10 @@ class Header(NamedTuple):
 
 def size(data: bytes, label: str) -> tuple[int, int] | None:
     """(H, W) of the picture, which may be stored by columns; None if the data end before the header does."""
-    found = header(data, label)
-    if found is None:
+    stated = header(data, label)
+    if stated is None:
         return None
-    return found.counts if found.by_rows else found.counts[::-1]
+    return stated.counts if stated.by_rows else stated.counts[::-1]
 
 
 def header(data: bytes, label: str) -> Header | None:
@@ -69,19 +69,23 @@ def header(data: bytes, label: str) -> Header | None:
     primaries = [_numbers("PRIMARIES", value, 8) for value in values.get("PRIMARIES", [])]
     if any(other != primaries[0] for other in primaries):
         raise InputError(f"{label}: PRIMARIES stands twice, with different numbers: leave the line that is right")
-    size_words = data[end + 2 : line_end].decode("latin-1").split()
-    if len(size_words) != 4 or {size_words[0], size_words[2]} not in _AXES:
-        raise ValueError(f"the size is {' '.join(size_words)[:40]!r}, not like -Y 256 +X 256")
-    first, first_count, second, second_count = size_words
+    axes, counts = _axes_and_counts(data[end + 2 : line_end].decode("latin-1").split())
     return Header(
         start=line_end + 1,
-        axes=(first, second),
-        counts=(int(first_count), int(second_count)),
+        axes=axes,
+        counts=counts,
         exposure=exposure,
         correction=tuple(correction.tolist()),
         primaries=primaries[0] if primaries else None,
         ignored=ignored,
     )
+
+
+def _axes_and_counts(words: list[str]) -> tuple[tuple[str, str], tuple[int, int]]:
+    """Both axes and their pixels, of the words of the line of the size; `ValueError` for any other line."""
+    if len(words) != 4 or {words[0], words[2]} not in _AXES:
+        raise ValueError(f"the size is {' '.join(words)[:40]!r}, not like -Y 256 +X 256")
+    return (words[0], words[2]), (int(words[1]), int(words[3]))
 
 
 def _values_by_key(text: str) -> dict[str, list[str]]:

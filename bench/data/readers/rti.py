@@ -47,7 +47,7 @@ def opened(seen: Candidate) -> BTF | None:
         return None
     entries = _read_list(path)
     folder = _Pictures(FolderFiles(path.parent))
-    pictures = [folder.found(entry) for entry in entries]
+    pictures = [folder.file_of(entry) for entry in entries]
     labels = [entry.label for entry in entries]
     wi = unit_directions(np.array([entry.vector for entry in entries]), labels.__getitem__, tolerance=LENGTH_TOLERANCE)
     wo = np.tile(np.array([0, 0, 1], np.float32), (len(wi), 1))
@@ -133,7 +133,7 @@ class _Pictures:
         """Folded name → the files that have it. The folder is listed at the first use, for a name that is not there."""
         return grouped(list_folder(self.files.root), _folded)
 
-    def found(self, entry: _Entry) -> str:
+    def file_of(self, entry: _Entry) -> str:
         """The file of an entry; `InputError` if there is none, or more than one."""
         candidates = _possible_names(entry.picture)
         with readable(entry.label):

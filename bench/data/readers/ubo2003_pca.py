@@ -87,12 +87,9 @@ def _folder_of(seen: Candidate) -> Path | None:
     if not seen.is_folder:
         is_notes = FIELD in seen.head and seen.path.name == NOTES  # the pictures lie beside it
         return seen.path.parent if is_notes else None
-    candidates = [seen.path]
-    for inner in sorted(seen.path.iterdir()):
-        if SPLIT.fullmatch(inner.name) and (inner / NOTES).is_file():
-            candidates.append(inner)
-            break  # the first one is taken
-    for folder in candidates:
+    inner_folders = [inner for inner in sorted(seen.path.iterdir()) if SPLIT.fullmatch(inner.name)]
+    inner_folders = [inner for inner in inner_folders if (inner / NOTES).is_file()]
+    for folder in [seen.path, *inner_folders[:1]]:
         files = FolderFiles(folder)
         # Other formats may have a `meta.json`, too: the weights beside it, or the field in it, show this one.
         if files.has(NOTES) and (files.has(WEIGHTS) or FIELD in files.head(NOTES, HEAD)):

@@ -12,7 +12,7 @@ Format: https://cg.cs.uni-bonn.de/en/projects/btfdbb/download/ubo2014/ (DFMF08 a
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ import numpy as np
 from bench.btf import BTF, Array, Source, finite
 from bench.data.readers.checks import IN_THE_DATA, different_directions, provenance_of
 from bench.data.readers.files import Candidate, file_digest
-from bench.directions.hemisphere import from_angles, product
+from bench.directions.hemisphere import product
 from bench.inputs.errors import InputError
 
 DFMF, FMF = b"!DFMF08FCR", b"!FMF12FCER"  # the signatures that are read
@@ -117,16 +117,13 @@ class Matrix:
         return np.concatenate(parts, 1)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Factorisation:
-    """The content of a file below its header: directions in radians, size, and three channels of factors."""
+    """The factors of three channels, and the colour model of these channels."""
 
-    views: Array  # (V, 2) θ, φ
-    lights: Array  # (L, 2) θ, φ; each view has all of them
-    shape: tuple[int, int] = (0, 0)  # (H, W)
-    pairs: list[Matrix] = field(default_factory=list)  # per channel U (V · L, K), the light fastest
-    texels: list[Matrix] = field(default_factory=list)  # per channel S·V (H · W, K), from the bottom row up
-    model: int = 0  # the number of the colour model, a key of `COLOUR_MODELS`
+    pairs: list[Matrix]  # per channel U (V · L, K), the light fastest
+    texels: list[Matrix]  # per channel S·V (H · W, K), from the bottom row up
+    model: int  # the number of the colour model, a key of `COLOUR_MODELS`
 
 
 def opened(seen: Candidate) -> BTF | None:
@@ -151,33 +148,33 @@ def opened(seen: Candidate) -> BTF | None:
         raise InputError(f"{path}: {fault}: only {DFMF.decode()} and {FMF.decode()} are read")
 
     notes = _read_header(cursor)
-    material = _read_directions(cursor)
+    views, lights = _read_directions(cursor)
     width, height, rotations = cursor.numbers("3I", "the size")
     notes["rotations"] = rotations
     if not width or not height:
         raise cursor.error(f"a size of {width} x {height} texels")
-    material.shape = (height, width)
     # Passed over: the pictures are read as they are stored.
     cursor.floats((rotations, 3, 3), scalar=4, what=f"{rotations} rotations")
     read_body = _read_dfmf if signature == DFMF else _read_fmf
-    notes |= read_body(cursor, material)
-    _share_memory(material)
+    factors, body_notes = read_body(cursor, len(views) * len(lights), height * width)
+    notes |= body_notes
+    _share_memory(factors)
 
-    ranks = [matrix.stored.shape[1] for matrix in material.pairs]
+    ranks = [matrix.stored.shape[1] for matrix in factors.pairs]
     native = {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks}
     provenance = provenance_of("UBO2014", notes.pop("colour"), IN_THE_DATA, signature=signature.decode(), **notes)
     provenance |= {"native": native}
-    wo, wi = product(from_angles(*material.views.T), from_angles(*material.lights.T))
-    return BTF(path.stem, wo, wi, FactorSource(path, material), provenance=provenance)
+    wo, wi = product(views, lights)
+    return BTF(path.stem, wo, wi, FactorSource(path, factors, (height, width)), provenance=provenance)
 
 
-def _share_memory(material: Factorisation) -> None:
+def _share_memory(factors: Factorisation) -> None:
     """Set which factors are kept in memory as float32: as many as `DENSE_BYTES` hold; the others are converted by rows
     at each use. The factors of pairs come first, because they are small.
     """
     bytes_left = DENSE_BYTES
     # By identity, since channels may share a matrix, which is then counted once.
-    distinct = {id(matrix): matrix for matrix in [*material.pairs, *material.texels]}
+    distinct = {id(matrix): matrix for matrix in [*factors.pairs, *factors.texels]}
     for matrix in distinct.values():
         bytes_needed = 4 * matrix.stored.size  # as float32
         matrix.is_kept = bytes_needed <= bytes_left
@@ -215,8 +212,8 @@ def _read_header(cursor: Cursor) -> dict[str, Any]:
     return notes
 
 
-def _read_directions(cursor: Cursor) -> Factorisation:
-    """A factorisation that has only its views and lights yet; the factors follow in the file.
+def _read_directions(cursor: Cursor) -> tuple[Array, Array]:
+    """The directions of the views (V, 3) and of the lights (L, 3).
 
     Every view in the file repeats the list of lights, which must be the same, so that pairs are all views with all
     lights. `InputError` if it is not.
@@ -235,45 +232,43 @@ def _read_directions(cursor: Cursor) -> Factorisation:
     if differs.any():
         view = int(np.argmax(differs))
         raise cursor.error(f"the lights of view {view} differ from those of view 0", "only a product grid is read")
-    view_angles = _angles(cursor.path, "view", block[:, :angles_bytes])
-    light_angles = _angles(cursor.path, "light", block[0, lights_start:])
-    return Factorisation(view_angles, light_angles)
+    view_directions = _directions(cursor.path, "view", block[:, :angles_bytes])
+    light_directions = _directions(cursor.path, "light", block[0, lights_start:])
+    return view_directions, light_directions
 
 
-def _angles(path: Path, side: str, stored: Array) -> Array:
-    """θ, φ (n, 2) float64 in radians of n views or lights, from their bytes: two little-endian floats of 4 bytes each.
+def _directions(path: Path, side: str, stored: Array) -> Array:
+    """Unit vectors (n, 3) float32 of n views or lights, whose bytes are θ, φ: little-endian floats of 4 bytes, radians.
 
-    `InputError` if one is out of range or stands twice; `side` is the word for them in it: view or light.
+    `InputError` if one is out of range or stands twice, in which `side` is the word for it: view or light.
     """
     with np.errstate(invalid="ignore"):
         # Contiguous, because only such bytes can be seen as floats.
         angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
-    different_directions(angles[:, 0], angles[:, 1], lambda index: f"{path}: {side} {index}")
-    return angles
+    return different_directions(angles[:, 0], angles[:, 1], lambda index: f"{path}: {side} {index}")
 
 
-def _read_dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
-    """Read the body of a DFMF, a factorisation for each channel of its colour model, into `material`.
+def _read_dfmf(cursor: Cursor, pairs: int, texels: int) -> tuple[Factorisation, dict[str, Any]]:
+    """The body of a DFMF of so many pairs and texels, factors for each channel, and notes on it for the provenance.
 
-    Returns notes on it for the provenance, of which `colour` is in words. Mean and matrix are noted, but not applied.
+    The note `colour` is in words. Mean and matrix are noted, but not applied.
     """
     _, model = cursor.numbers("Ii", "the colour model")
     if model not in COLOUR_MODELS:
         raise cursor.error(f"colour model {model}", f"models {', '.join(map(str, COLOUR_MODELS))} are read")
-    material.model = model
     mean = cursor.numbers("3f", "the colour mean")
     matrix = cursor.numbers("9f", "the colour matrix")
-    rows = len(material.views) * len(material.lights)
+    factors = Factorisation([], [], model)
     for channel in range(3):
-        pairs, texels = _read_factors(cursor, material, rows, f"channel {channel}")
-        material.pairs.append(Matrix(pairs))
-        material.texels.append(Matrix(texels))
+        u, sv = _read_factors(cursor, pairs, texels, f"channel {channel}")
+        factors.pairs.append(Matrix(u))
+        factors.texels.append(Matrix(sv))
     colour = {"colour": f"model {model}: {COLOUR_MODELS[model]}", "colour_model": model}
-    return colour | {"colour_mean": list(mean), "colour_matrix": list(matrix)}
+    return factors, colour | {"colour_mean": list(mean), "colour_matrix": list(matrix)}
 
 
-def _read_fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
-    """Read the body of an FMF, one factorisation of all channels, into `material`; returns notes for the provenance.
+def _read_fmf(cursor: Cursor, pairs: int, texels: int) -> tuple[Factorisation, dict[str, Any]]:
+    """The body of an FMF of so many pairs and texels, factors of all channels together, and notes for the provenance.
 
     U has a row for each channel of each pair, the channel fastest; the channels share S·V.
     """
@@ -288,23 +283,21 @@ def _read_fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
         width, height = cursor.numbers("2I", "the size of the height map")
     cursor.floats((width, height), scalar=2, what="the height map")  # passed over: a BTF has no heights
     cursor.count("the rank")  # stated again with the factors
-    rows = 3 * len(material.views) * len(material.lights)
-    pairs, texels = _read_factors(cursor, material, rows, "the factors")
-    by_channel = pairs.reshape(-1, 3, pairs.shape[1]).swapaxes(0, 1)  # (3, V · L, K)
-    material.pairs = [Matrix(channel) for channel in by_channel]
-    material.texels = [Matrix(texels)] * 3
-    material.model = 12 if reduction else 0  # as in `COLOUR_MODELS`
+    u, sv = _read_factors(cursor, 3 * pairs, texels, "the factors")
+    by_channel = u.reshape(-1, 3, u.shape[1]).swapaxes(0, 1)  # (3, V · L, K)
+    model = 12 if reduction else 0  # as in `COLOUR_MODELS`
+    factors = Factorisation([Matrix(channel) for channel in by_channel], [Matrix(sv)] * 3, model)
     colour = "log RGB, converted to RGB" if reduction else COLOUR_MODELS[0]
-    return {"colour": f"FMF: {colour}", "dynamic_range_reduction": reduction, "height_map": [width, height]}
+    notes = {"colour": f"FMF: {colour}", "dynamic_range_reduction": reduction, "height_map": [width, height]}
+    return factors, notes
 
 
-def _read_factors(cursor: Cursor, material: Factorisation, rows: int, what: str) -> tuple[Array, Array]:
+def _read_factors(cursor: Cursor, rows: int, texels: int, what: str) -> tuple[Array, Array]:
     """U (rows, K) and S·V (texels, K) as views of the file; `what` names them in errors.
 
     The file states its numbers of rows and texels again; `InputError` if they are not those of its directions and size.
     """
     scalar, rank, stated_rows, stated_cols = cursor.numbers("B3I", what)
-    texels = material.shape[0] * material.shape[1]
     if scalar not in SCALARS or not rank:
         raise cursor.error(f"{what}: rank {rank} in scalars of {scalar} bytes")
     if (stated_rows, stated_cols) != (rows, texels):
@@ -321,11 +314,11 @@ class FactorSource(Source):
     Values that overflow in a product or an exponential are a `NotFiniteError`.
     """
 
-    def __init__(self, path: Path, material: Factorisation):
+    def __init__(self, path: Path, factors: Factorisation, shape: tuple[int, int]):
         self.path = path
-        self.material = material
-        self.shape = material.shape
-        self.count = len(material.views) * len(material.lights)
+        self.factors = factors
+        self.shape = shape
+        self.count = len(factors.pairs[0].stored)
         bytes_of_a_texel = 12 + 12  # its products in three channels, and its RGB, as float32
         self.at_once = max(1, MULTIPLIED // (bytes_of_a_texel * self.shape[0] * self.shape[1]))
 
@@ -333,7 +326,7 @@ class FactorSource(Source):
     def slices(self, pairs: Array) -> list[Array]:
         """As `Source.slices`, (H, W, 3) float32 each: one matrix product a channel for all of the pairs."""
         channels = []  # three arrays (n, H, W)
-        for texels, of_pairs in zip(self.material.texels, self.material.pairs, strict=True):
+        for texels, of_pairs in zip(self.factors.texels, self.factors.pairs, strict=True):
             products = texels.times(of_pairs.rows(pairs))
             channels.append(products.reshape(-1, *self.shape))
         pictures = np.empty((len(pairs), *self.shape, 3), np.float32)
@@ -349,12 +342,12 @@ class FactorSource(Source):
         index = self._index(rows, cols)
         out = np.empty((len(index), len(pairs), 3), np.float32)
         # The factors (K, pairs) of each channel.
-        pair_factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
+        pair_factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.factors.pairs]
         buffers = np.empty((3, TEXELS_AT_ONCE, len(pairs)), np.float32)  # the products of each channel
         for start in range(0, len(index), TEXELS_AT_ONCE):
             block_index = index[start : start + TEXELS_AT_ONCE]
             count = len(block_index)  # the last block may be shorter
-            for texel_matrix, factors, buffer in zip(self.material.texels, pair_factors, buffers, strict=True):
+            for texel_matrix, factors, buffer in zip(self.factors.texels, pair_factors, buffers, strict=True):
                 np.matmul(texel_matrix.rows(block_index), factors, out=buffer[:count])
             decoded = self._decode(buffers[:, :count], out=out[start : start + TEXELS_AT_ONCE])
             finite(decoded, f"{self.path}: texels from {start}")
@@ -368,7 +361,7 @@ class FactorSource(Source):
         for start in range(0, len(index), VALUES_AT_ONCE):
             part = slice(start, start + VALUES_AT_ONCE)
             channels = []
-            for texels, of_pairs in zip(self.material.texels, self.material.pairs, strict=True):
+            for texels, of_pairs in zip(self.factors.texels, self.factors.pairs, strict=True):
                 products = np.einsum("nk,nk->n", texels.rows(index[part]), of_pairs.rows(pair[part]))
                 channels.append(products)
             out[part] = finite(self._decode(channels), f"{self.path}: samples from {start}")
@@ -386,12 +379,12 @@ class FactorSource(Source):
         """
         if out is None:
             out = np.empty((*channels[0].shape, 3), np.float32)
-        if self.material.model == 11:  # log luminance and relative chroma
+        if self.factors.model == 11:  # log luminance and relative chroma
             _yuv_to_rgb(channels, out)
             return out
         for i, channel in enumerate(channels):
             out[..., i] = channel
-        if self.material.model == 12:  # logarithms of RGB
+        if self.factors.model == 12:  # logarithms of RGB
             np.subtract(np.exp(out, out=out), EPSILON, out=out)
         return out
 

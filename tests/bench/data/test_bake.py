@@ -15,7 +15,7 @@ from bench import cli
 from bench.btf import box_filter
 from bench.cli.console import btf_lines
 from bench.codec import silent
-from bench.data.bake import Partial, bake, looks_like_maps, open_svbrdf, read_surface, recognise
+from bench.data.bake import UnfinishedBake, bake, looks_like_maps, open_svbrdf, read_surface, recognise
 from bench.data.bake.surface import SUB_POINTS
 from bench.data.described import btf_fields
 from bench.data.materials.renderer import render
@@ -443,16 +443,16 @@ def test_a_baked_file_opens_again_and_equals_what_was_rendered(tmp_path):
 
 
 def test_what_is_finished_is_counted_in_one_move_and_leaves_no_temporary(tmp_path, monkeypatch):
-    grown = Partial(tmp_path / "a.npz", "key", (3, 2, 2, 3))
+    grown = UnfinishedBake(tmp_path / "a.npz", "key", (3, 2, 2, 3))
     grown.add(np.ones((2, 2, 2, 3), np.float32))
     monkeypatch.setattr(os, "replace", Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
     with pytest.raises(OSError, match="No space"):
         grown.add(np.ones((1, 2, 2, 3), np.float32))
     assert {path.name for path in grown.folder.iterdir()} == {"values.npy", "finished"}
-    again = Partial(tmp_path / "a.npz", "key", (3, 2, 2, 3))
+    again = UnfinishedBake(tmp_path / "a.npz", "key", (3, 2, 2, 3))
     assert (again.done, again.values[:2].min()) == (2, 1)
     monkeypatch.undo()
-    assert Partial(tmp_path / "a.npz", "other", (3, 2, 2, 3)).done == 0
+    assert UnfinishedBake(tmp_path / "a.npz", "other", (3, 2, 2, 3)).done == 0
 
 
 def test_a_folder_of_maps_is_a_material_and_is_baked_once(tmp_path, monkeypatch, caplog):

@@ -35,7 +35,7 @@ class Chess(Kind):
         return spec.path.endswith(".chess")
 
     def open(self, spec, data, show, draw, path_tracer):
-        bright = float(spec.there().read_text())
+        bright = float(spec.required_path().read_text())
         rng = np.random.default_rng(draw)
         wo, wi = uniform(rng, 12), uniform(rng, 12)
         squares = (np.indices((data.size, data.size)).sum(0) % 2)[None, ..., None] * np.ones((12, 1, 1, 3))

@@ -21,7 +21,7 @@ def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):
         open_material(MaterialSpec("f", "f.btf", "ask UBO"), Preparation(), silent)
     with pytest.raises(InputError, match=r"f\.btf: "):
         open_material(MaterialSpec("f", "f.btf"), Preparation(), silent)
-    assert MaterialSpec("a", "x" * 4000).existing() is None  # too long for a file
+    assert MaterialSpec("a", "x" * 4000).existing_path() is None  # too long for a file
 
 
 def test_a_name_that_no_record_or_file_of_results_can_hold_is_refused_in_one_line():

@@ -17,7 +17,7 @@ from bench.codecs.scene_material import SceneMaterial
 from bench.codecs.window import Window, from_hex
 from bench.conformance.check import tiny_btf
 from bench.demand.demand import Demand
-from bench.demand.fitting import Goal, Search, density_of, encode, outside
+from bench.demand.fitting import Goal, Search, density_of, encode, psnr_outside
 from bench.demand.frame_scorer import FrameScorer
 from bench.demand.needed_part import NeededPart, shares_of_others
 from bench.directions.hemisphere import uniform
@@ -269,7 +269,7 @@ def test_outside_a_scene_an_exact_model_has_no_decibels():
     exact = SimpleNamespace(slice=lambda wo, wi, size: slices[pairs.index(wo + wi)])
     shares = np.zeros(len(btf))
     scorer = SimpleNamespace(btf=btf, shares=shares)
-    assert outside(scorer, exact) is None
+    assert psnr_outside(scorer, exact) is None
     slices += 0.1
-    assert outside(scorer, exact) > 0
-    assert outside(SimpleNamespace(btf=btf, shares=shares + 1), exact) is None
+    assert psnr_outside(scorer, exact) > 0
+    assert psnr_outside(SimpleNamespace(btf=btf, shares=shares + 1), exact) is None

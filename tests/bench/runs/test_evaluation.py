@@ -12,7 +12,7 @@ from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.codecs.slices_material import SlicesMaterial
 from bench.conformance.check import tiny_btf, tiny_radiance
-from bench.data.joined import followed
+from bench.data.joined import appended
 from bench.data.materials import load, recipe
 from bench.data.materials.renderer import render
 from bench.directions.hemisphere import from_degrees
@@ -95,7 +95,7 @@ def test_pairs_of_low_light_are_a_group_of_their_own_and_change_nothing_else(tmp
     row, col = np.mgrid[:16, :16] / 16
     dim = tiny_radiance(row, col, wo[:, None, None], wi[:, None, None]).astype(np.float32)
     declared = replace(few, heldout=np.arange(25) >= 20)
-    low = followed(declared, BTF("low", wo, wi, ArraySource(dim), periodic=True), "low_light", "three")
+    low = appended(declared, BTF("low", wo, wi, ArraySource(dim), periodic=True), "low_light", "three")
     codec = load_codec("mean-colour")()
     file = loading.load(container.save(tmp_path / "file", codec, codec.encode(declared, Fit())).path)
     plain, lit = Workbench(declared, "tiny"), Workbench(low, "tiny")

@@ -153,7 +153,7 @@ def test_slices_that_are_multiplied_together_are_those_read_one_by_one(tmp_path,
         one_by_one = np.stack([each[i] for i in range(len(each))])  # float32: terms of about 1 add up to about 0
         np.testing.assert_allclose(np.stack(list(each)), one_by_one, rtol=1e-5, atol=1e-6, err_msg=str(level))
     expected = decoded(11, given, False, np.float32)
-    assert any(matrix.is_kept for matrix in btf.source.material.texels) == (dense > 0)
+    assert any(matrix.is_kept for matrix in btf.source.factors.texels) == (dense > 0)
     np.testing.assert_allclose(np.stack(list(btf)), expected, rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(btf.texels([0, 3], [4, 1])[1], expected[:, 3, 1], rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(btf.gather([5], [0], [4])[0], expected[5, 0, 4], rtol=1e-4, atol=1e-5)

@@ -70,7 +70,7 @@ def test_without_relief_it_is_the_built_in_renderer(kind):
     """Asked for are 2 % of each slice's mean. There is nothing to estimate, so that rounding is all that differs."""
     base = np.random.default_rng(0).uniform(0.1, 0.9, (16, 16, 3)).astype(np.float32)
     maps = Maps(0.0, base, **FLAT[kind])
-    wo, wi = Preparation(views=6, lights=6, heldout=20).everything("", 0)
+    wo, wi = Preparation(views=6, lights=6, heldout=20).all_pairs("", 0)
     ours, theirs = (f(maps, wo, wi, (8, 8), 2).mean((1, 2)) for f in (render, path_trace))
     np.testing.assert_allclose(theirs, ours, rtol=2e-3)
 
@@ -92,7 +92,7 @@ def test_between_texels_it_is_the_built_in_renderer(tmp_path, monkeypatch):
 def test_direct_light_on_relief_is_that_of_the_built_in_renderer():
     """Shadows, parallax and occlusion: within 1 % of each slice's mean, where inter-reflection adds far more."""
     maps = hills(128, height=0.15, base=0.9)
-    wo, wi = Preparation(views=5, lights=5, heldout=10).everything("", 0)
+    wo, wi = Preparation(views=5, lights=5, heldout=10).all_pairs("", 0)
     ours = render(maps, wo, wi, (32, 32), 4).mean((1, 2, 3))
     direct, full = (path_trace(maps, wo, wi, (32, 32), 4, depth=d).mean((1, 2, 3)) for d in (2, 16))
     np.testing.assert_allclose(direct, ours, rtol=0.01)
@@ -182,7 +182,7 @@ def test_neighbouring_tiles_occlude():
 
 @with_mitsuba
 def test_the_seed_decides_the_paths_and_the_launches_do_not(monkeypatch):
-    maps, (wo, wi) = hills(), Preparation(views=3, lights=3, heldout=0).everything("", 0)
+    maps, (wo, wi) = hills(), Preparation(views=3, lights=3, heldout=0).all_pairs("", 0)
     first, other = (path_trace(maps, wo, wi, (8, 8), 2, seed=seed) for seed in (5, 6))
     monkeypatch.setattr("bench.demand.mitsuba.path_tracer.WAVEFRONT", 600)
     again = path_trace(maps, wo, wi, (8, 8), 2, seed=5)
@@ -195,7 +195,7 @@ def test_the_seed_decides_the_paths_and_the_launches_do_not(monkeypatch):
 
 @with_mitsuba
 def test_without_llvm_it_says_so_and_gives_the_same_values(monkeypatch, caplog):
-    maps, (wo, wi) = hills(8), Preparation(views=2, lights=2, heldout=0).everything("", 0)
+    maps, (wo, wi) = hills(8), Preparation(views=2, lights=2, heldout=0).all_pairs("", 0)
     first = path_trace(maps, wo, wi, (4, 4), 2)
     monkeypatch.setattr("bench.demand.mitsuba.path_tracer.unusable", lambda: "there is none")
     second = path_trace(maps, wo, wi, (4, 4), 2)
