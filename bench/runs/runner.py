@@ -13,6 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from bench import records, timing
 from bench.codec import REMARK, Codec, Progress, silent
@@ -39,7 +40,7 @@ from bench.runs.workbench import demand_of
 
 log = logging.getLogger(__name__)
 
-ONE_TEXEL = " at one texel"  # suffix of the name of a material that answers by one texel: see `with_one_texel`
+
 MOST_LOSSES = 3  # worker processes that a job may lose
 
 
@@ -333,14 +334,24 @@ def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Prog
     return timings_here(folder, ours, device, threads, show)
 
 
-def with_one_texel(materials: dict[str, Material]) -> dict[str, Material]:
-    """Materials by name, then the same ones that can answer a query by one texel, by their names with `ONE_TEXEL`."""
+class DecoderTimes(NamedTuple):
+    """The times of a decoder: of queries anywhere, and of those that one texel answers, where it can answer so."""
+
+    anywhere: timing.Timing
+    at_one_texel: timing.Timing | None
+
+
+def time_decoders(
+    materials: dict[str, Material], threads: int, show: Progress, turns: int = 0
+) -> dict[str, DecoderTimes]:
+    """The times of materials by name, all in turns with each other and the floor; `turns` as in `time_materials`."""
     contestants = dict(materials)
     for name, material in materials.items():
         at_one_texel = material.at_one_texel()
         if at_one_texel is not None:
-            contestants[name + ONE_TEXEL] = at_one_texel
-    return contestants
+            contestants[f"{name} at one texel"] = at_one_texel
+    measured = timing.time_materials(contestants, threads, show=show, turns=turns)
+    return {name: DecoderTimes(measured[name], measured.get(f"{name} at one texel")) for name in materials}
 
 
 def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
@@ -356,15 +367,12 @@ def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show:
             materials[job["job"]] = material
     if not materials:
         return []
-    timing_of = timing.time_materials(with_one_texel(materials), threads, show=show)
-    timed = []
-    for name in materials:
-        record: Timing = {"kind": "timing", "job": name}
-        record |= timing.conditions(threads, device)
-        record |= timing_of[name].summary()
-        if name + ONE_TEXEL in timing_of:
-            record["ratio_at_one_texel"] = timing_of[name + ONE_TEXEL].summary()["ratio_to_floor"]
-        record["samples_ns"] = timing_of[name].samples.tolist()
-        record["floor_ratios"] = timing_of[name].ratios.tolist()
-        timed.append(record)
-    return timed
+    rows = []
+    for name, (anywhere, at_one_texel) in time_decoders(materials, threads, show).items():
+        row: Timing = {"kind": "timing", "job": name}
+        row |= timing.conditions(threads, device) | anywhere.summary()
+        if at_one_texel is not None:
+            row["ratio_at_one_texel"] = at_one_texel.summary()["ratio_to_floor"]
+        row |= {"samples_ns": anywhere.samples.tolist(), "floor_ratios": anywhere.ratios.tolist()}
+        rows.append(row)
+    return rows
