@@ -29,7 +29,7 @@ from bench.compare.forms import annotations, junit, tracker
 from bench.compare.reference import committed, limits, update
 from bench.files.atomic import begins, refuse_other_kind
 from bench.inputs.errors import FINE, InputError
-from bench.records import load_run
+from bench.records import Run, load_run
 from bench.runs.suite import builtin_suites
 from reports.comparison import markdown, terminal
 
@@ -66,13 +66,7 @@ def run(options: argparse.Namespace) -> int:
         if each.jobs and each.stress:
             raise InputError(f"{name}: it holds jobs and a stress test: compare each from a file of its own")
     if base.stress:
-        of_jobs = ("material", "markdown", "junit", "tracker", "annotations")
-        ignored = [f"--{name}" for name in of_jobs if getattr(options, name)]
-        if ignored:
-            raise InputError(f"{', '.join(ignored)}: not for stress tests, which are compared as text: leave it out")
-        text, code = compare_extremes(base, new, options.codec, options.allow)
-        print(text)
-        return code
+        return _compare_stress_tests(base, new, options)
     if options.markdown:
         refuse_other_kind(options.markdown, ".md", begins(b"### neubtf-bench"))
     if options.junit:
@@ -89,6 +83,17 @@ def run(options: argparse.Namespace) -> int:
         for name, text in tracker(new).items():
             write_text(options.tracker / name, text)
     return comparison.exit_code
+
+
+def _compare_stress_tests(base: Run, new: Run, options: argparse.Namespace) -> int:
+    """Print the comparison of two stress tests as text; returns its exit code."""
+    of_jobs = ("material", "markdown", "junit", "tracker", "annotations")
+    ignored = [f"--{name}" for name in of_jobs if getattr(options, name)]
+    if ignored:
+        raise InputError(f"{', '.join(ignored)}: not for stress tests, which are compared as text: leave it out")
+    text, code = compare_extremes(base, new, options.codec, options.allow)
+    print(text)
+    return code
 
 
 def _update(options: argparse.Namespace) -> int:
