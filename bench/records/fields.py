@@ -93,19 +93,19 @@ def _adapter(described: Any) -> "TypeAdapter[Any]":
 def _error_in_words(value: Any, error: "ValidationError") -> str:
     """What is wrong at the first wrong place of a value, in words: `scores/heldout must be …, not 3`."""
     first, *others = error.errors(include_url=False, include_context=False)
-    place, wrong = _place(value, first["loc"])
+    place, wrong = _path_and_value(value, first["loc"])
     if first["type"] == "missing":
         return f"{place}/{first['loc'][-1]} is missing".lstrip("/")
     # Of a field of several types there is an error for each type. pydantic's "Input should be a valid string" becomes
     # "must be a valid string".
-    messages = [first["msg"], *(each["msg"] for each in others if _place(value, each["loc"])[0] == place)]
+    messages = [first["msg"], *(each["msg"] for each in others if _path_and_value(value, each["loc"])[0] == place)]
     joined = " or ".join(dict.fromkeys(messages)).removeprefix("Value error, ")
     rule = re.sub("^(Input|List|String) should", "must", joined.replace(" or Input should be", " or"))
     instead = f"an object of {len(wrong)}" if isinstance(wrong, dict) else shown(wrong)
     return f"{place} {rule}, not {instead}".lstrip()
 
 
-def _place(value: Any, parts: tuple[int | str, ...]) -> tuple[str, Any]:
+def _path_and_value(value: Any, parts: tuple[int | str, ...]) -> tuple[str, Any]:
     """The path of a place that pydantic names, such as `scores/heldout`, and what stands there.
 
     Parts that are not in the value are left out: a missing field, or one of the types that a field may have.

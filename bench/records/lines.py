@@ -231,9 +231,7 @@ def load_together(
     that are not `wanted` replace no other job. With `beside`, files of records come first, and a job of a folder that
     used other data than theirs stands beside theirs under another name, without its timing.
     """
-    paths: list[Path] = []
-    for source in sources:
-        paths += _files_of(Path(source))
+    paths = [path for source in sources for path in _files_of(Path(source))]
     if beside:
         paths.sort(key=lambda path: path.suffix != ".jsonl")
     runs = [load_warned(path) for path in paths]
@@ -243,29 +241,29 @@ def load_together(
     for number, (path, run) in enumerate(zip(paths, runs, strict=True)):
         is_file = path.suffix == ".jsonl"  # of records, not the folder of a run
         together.starts.extend(run.starts)
+        together.unreadable.extend(run.unreadable)
         # The names of this run's jobs that replace none of another run; nor do their timings.
         aside: set[str] = set()
-        for relative in run.jobs:
-            job = _with_whole_paths(relative, run.folder.absolute())
+        for job in (_with_whole_paths(each, run.folder.absolute()) for each in run.jobs):
             name = job["job"]
             if job["status"] == "ok" and not wanted(job):
                 aside.add(name)
                 together.jobs.put((number, name), job)  # under a key that no other job has
-            elif not _of_other_data(job, together.job(name)):
+                continue
+            if not _of_other_data(job, together.job(name)):
                 together.jobs.put(name, job)
                 if is_file:
                     together.published.add(name)
-            elif beside and name in together.published and not is_file:
-                aside.add(name)
-                other_name = f"{name}, other data of {run.folder.name}"
-                together.jobs.put(other_name, {**job, "job": other_name})
-            else:
+                continue
+            if is_file or not beside or name not in together.published:
                 remedy = "was measured on other data in an earlier run: give fewer runs, or name the material otherwise"
                 raise InputError(f"{run.folder}: {name} {remedy}")
+            aside.add(name)
+            other_name = f"{name}, other data of {run.folder.name}"
+            together.jobs.put(other_name, {**job, "job": other_name})
         for timing in run.timings:
             if timing["job"] not in aside:
                 together.timings.put(timing["job"], timing)
-        together.unreadable.extend(run.unreadable)
     return together
 
 

@@ -181,9 +181,9 @@ class _Session:
             fresh=options.fresh,
             network=self.networks.get(codec.codec, ""),
         )
-        return dataclasses.replace(task, earlier=self._earlier(task.name))
+        return dataclasses.replace(task, earlier=self._record_that_may_hold(task.name))
 
-    def _earlier(self, name: str) -> Job | None:
+    def _record_that_may_hold(self, name: str) -> Job | None:
         """The latest record of a job, if it may still hold; None if the job is to be done again in any case."""
         options = self.options
         record = self.before.job(name)
@@ -294,14 +294,14 @@ def _with_restarts(tasks: list[Task], workers: Workers, call: Callable[[Task], O
                     log.warning("%s: its worker died; the job is started again", task.name)
                     waiting.appendleft(dataclasses.replace(task, losses=task.losses + 1))
                 else:
-                    yield _outcome(task, future)
+                    yield _outcome_of_future(task, future)
                 del future  # while it is held, a cluster recomputes a lost result, although it was already received
     finally:  # also where the caller stops early: jobs that have not begun do not run
         for future in running:
             future.cancel()
 
 
-def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
+def _outcome_of_future(task: Task, future: Future[Outcome]) -> Outcome:
     """The answer of a worker; a failed outcome if the worker died. `InputError` if the run cannot continue."""
     try:
         return future.result()

@@ -102,7 +102,7 @@ def measure(
     with each file as material.
     """
     suite = canonical(suite)  # jobs are recorded under its names
-    measured_variants, left_out = _variants_on(suite, torch.device(device), emulated)
+    measured_variants, left_out = _variants_on_device(suite, torch.device(device), emulated)
     trade = _Trade(replace(suite, variants=tuple(measured_variants)), run, device, left_out, show)
     for spec in suite.materials:
         jobs = _jobs_of(run, suite, spec)
@@ -167,7 +167,7 @@ class _Trade:
         self.run.timings.put(row["job"], of_run)
 
 
-def _variants_on(suite: Suite, device: torch.device, emulated: bool) -> tuple[list[str], list[str]]:
+def _variants_on_device(suite: Suite, device: torch.device, emulated: bool) -> tuple[list[str], list[str]]:
     """The variants of a suite that are measured on a device, in words, and those that are left out because the device
     only emulates them; with `emulated` none is. Variants that it does not have are in neither list."""
     measured_variants = []
@@ -218,7 +218,7 @@ def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None
     """
     suite = trade.suite
     timed: dict[str, Material] = {}  # by name of the choice
-    for choice in _untimed(trade, jobs):
+    for choice in _untimed_choices(trade, jobs):
         opening = Opening("trade", spec, suite.data, choice.job["seed"], suite.metrics)
         with open_workbench(opening, trade.show) as workbench:  # which stays open for jobs of the same seed
             row = trade.row(choice.job, choice.variant)
@@ -228,7 +228,7 @@ def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None
                 if not ready.opaque:  # else another program answers, whose process cannot be copied
                     ready = prepared(ready, choice.variant)
                 if "psnr" not in row:
-                    row |= _figures_of(trade, workbench, choice, ready)
+                    row |= _figures_of_choice(trade, workbench, choice, ready)
                 if ready.opaque:  # its time would be that of exchanging files
                     row["error"] = "its time cannot be measured"
                 else:
@@ -249,28 +249,28 @@ class _Choice(NamedTuple):
     plain: Material
 
 
-def _untimed(trade: _Trade, jobs: list[Job]) -> list[_Choice]:
+def _untimed_choices(trade: _Trade, jobs: list[Job]) -> list[_Choice]:
     """The choices of some jobs' files that were not timed yet."""
     untimed = []
     for job in jobs:
         material = material_of_job(trade.run.folder, job, trade.device)
         variants = [Variant()]
         if not material.opaque:
-            variants += _variants(trade.suite, job, material)
+            variants += _variants_of_job(trade.suite, job, material)
         for variant in variants:
             if "ns_per_sample" not in trade.measured_before(trade.row(job, variant)):
                 untimed.append(_Choice(job, variant, material))
     return untimed
 
 
-def _figures_of(trade: _Trade, workbench: Workbench, choice: _Choice, ready: Material) -> Timing:
+def _figures_of_choice(trade: _Trade, workbench: Workbench, choice: _Choice, ready: Material) -> Timing:
     """The figures of a choice, whose material in the execution and precision of its variant is `ready`.
 
     In eager float32 the run has scored the file. In others it is scored now, and its answers are compared with those.
     """
     if choice.variant == Variant():
         return _figures_of_run(trade.run, choice.job)
-    scores = _score(workbench, ready, trade.suite.threads, trade.show)
+    scores = _figures_scored_now(workbench, ready, trade.suite.threads, trade.show)
     return scores | _deviation(workbench, ready, choice.plain, trade.show)
 
 
@@ -333,7 +333,7 @@ def _time_in_turns(
     return measured, raised
 
 
-def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
+def _variants_of_job(suite: Suite, job: Job, material: Material) -> list[Variant]:
     """The variants of the suite that a job's file is tried in, besides eager float32.
 
     None for an entry with a sweep, whose many files would take too long. Without a network only the variants that
@@ -347,7 +347,7 @@ def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
     return [variant for variant in variants if variant.execution == "fused"]
 
 
-def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> Timing:
+def _figures_scored_now(workbench: Workbench, material: Material, threads: int, show: Progress) -> Timing:
     """The figures of a material in another execution or precision, scored now at deciding and validation pairs."""
     groups = {deciding_group(workbench.groups): workbench.deciding}
     if VALIDATION in workbench.groups:

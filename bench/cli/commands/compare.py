@@ -56,7 +56,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the comparison, and write the files that are asked for; returns the exit code of the comparison."""
     if options.update:
-        return _update(options)
+        return _update_reference(options)
     if not options.new:
         raise InputError("compare: give NEW, the run to judge, or --update to make a reference from BASE")
     if options.out or options.wide:
@@ -96,7 +96,7 @@ def _compare_stress_tests(base: Run, new: Run, options: argparse.Namespace) -> i
     return code
 
 
-def _update(options: argparse.Namespace) -> int:
+def _update_reference(options: argparse.Namespace) -> int:
     """Write a reference again, and print what changed and what it cannot tell; returns the exit code."""
     of_verdicts = ("new", "material", "codec", "allow", "markdown", "junit", "tracker", "annotations")
     given = ["NEW" if name == "new" else f"--{name}" for name in of_verdicts if getattr(options, name)]

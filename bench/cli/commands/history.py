@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
         print("these runs have no records of jobs")
         return NOTHING
     if options.out:
-        _write(frame, options.out)
+        _write_frame(frame, options.out)
         say_line(f"wrote {options.out}: {len(frame):,} jobs, {len(frame.columns):,} columns")
     if options.plot:
         with writable(options.plot, "choose another --plot"):
@@ -53,11 +53,11 @@ def run(options: argparse.Namespace) -> int:
         for path in written:
             say_line(f"wrote {path}")
     if not (options.out or options.plot):
-        print(_table(frame))
+        print(_table_of_means(frame))
     return FINE
 
 
-def _write(frame: pd.DataFrame, path: Path) -> None:
+def _write_frame(frame: pd.DataFrame, path: Path) -> None:
     """Write the frame as CSV if the path ends in .csv, else as Parquet."""
     needs = installed(f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv")
     with needs, writable(path, "choose another --out"), replacing(path) as partial:
@@ -67,7 +67,7 @@ def _write(frame: pd.DataFrame, path: Path) -> None:
             frame.to_parquet(partial, engine="pyarrow", index=False)
 
 
-def _table(frame: pd.DataFrame) -> str:
+def _table_of_means(frame: pd.DataFrame) -> str:
     """Means over seeds: a line for each start of a run in which a codec was measured."""
     # The column of each revision: that of the suite, and of a codec that has a repository of its own.
     revisions = {"revision": "git"}

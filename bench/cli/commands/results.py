@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     if options.action == "verify":
         return _archives.verify_archive(options)
     if options.action == "add":
-        return _add(options.run, options.file)
+        return _add_records(options.run, options.file)
     if not options.documents:
         raise InputError("results write: name a Markdown file")
     if options.action == "write":
@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _add(run: Path, file: Path) -> int:
+def _add_records(run: Path, file: Path) -> int:
     """Add the records of a run to a file, where they replace those of the same jobs; returns the exit code."""
     if file.suffix != ".jsonl":
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
@@ -115,12 +115,12 @@ def _with_new_tables(path: Path, text: str) -> str:
 
     def made_again(block: re.Match[str]) -> str:
         """The block with the table that its command makes now."""
-        return block["start"] + _table(path, block["words"]) + block["end"]
+        return block["start"] + _printed_table(path, block["words"]) + block["end"]
 
     return _BLOCK.sub(made_again, text)
 
 
-def _table(path: Path, words: str) -> str:
+def _printed_table(path: Path, words: str) -> str:
     """What the command `words` of a document prints, as Markdown: text in a fence, or a Markdown table as it is."""
     try:
         command, *rest = shlex.split(words)

@@ -152,7 +152,7 @@ def test_what_has_a_record_is_not_measured_again(quick, fresh, monkeypatch):
     assert load_run(fresh).choices == []  # scored, and not yet timed
     monkeypatch.setattr(timing, "in_turns", counted)
     with monkeypatch.context() as patch:
-        patch.setattr(trade, "_figures_of", lambda *_: pytest.fail("scored again"))
+        patch.setattr(trade, "_figures_of_choice", lambda *_: pytest.fail("scored again"))
         first = measure(suite, fresh)
         assert measure(suite, fresh).choices == first.choices
     assert list(map(len, timed)) == [2]
