@@ -72,11 +72,9 @@ def fit_codec(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) ->
     It raises what the codec raises, and what the codec changes of the process stays changed, except for the number of
     threads. The time of a fit that was resumed includes the time before its interruption.
     """
-    if encode is None:
-        encode = codec.encode
     with torch_threads(fit.threads), watched_threads():
         start = processor_seconds()
-        parts = encode(btf, fit)
+        parts = (encode or codec.encode)(btf, fit)
         seconds = processor_seconds() - start
     if isinstance(parts, Parts):  # what is none is refused when it is written
         lowest = max(0.0, float(btf.wi[:, 2].min()))  # data may have lights below the horizon
@@ -107,9 +105,7 @@ def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
     def encode_naming_faults(btf: BTF, fit: Fit) -> Parts:
         """Make the parts of a file as the codec does, or raise the error that names it."""
         try:
-            if encode is None:
-                return codec.encode(btf, fit)
-            return encode(btf, fit)
+            return (encode or codec.encode)(btf, fit)
         except (InputError, KeyboardInterrupt):
             raise
         except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
@@ -147,15 +143,15 @@ def threads_left() -> list[str]:
 
 def error_in_words(error: BaseException, codec: Codec) -> str:
     """An error that a codec raised, in one line, with the last line of its author's own files in the trace."""
-    if isinstance(error, ContainerError) and error.__cause__:  # the file was written just now, so it is not damaged
-        error = error.__cause__  # what the decoder raised
-    if isinstance(error, CodecError):
-        return str(error)  # names the author's line itself
-    what = _exit_in_words(error) if isinstance(error, SystemExit) else said_by(error)
+    # The file was written just now, so it is not damaged: what the decoder raised counts.
+    raised = error.__cause__ if isinstance(error, ContainerError) and error.__cause__ else error
+    if isinstance(raised, CodecError):
+        return str(raised)  # names the author's line itself
+    what = _exit_in_words(raised) if isinstance(raised, SystemExit) else said_by(raised)
     # PyTorch's error where a product mixes the two dtypes: networks and tables have the material's, queries do not.
     if "Half" in what and "float" in what.lower():
         what += ": queries are at least float32; convert what meets them by .to(wi.dtype)"
-    for frame, line in list(own_frames(error, codec))[-1:]:  # the innermost, if the trace has any
+    for frame, line in list(own_frames(raised, codec))[-1:]:  # the innermost, if the trace has any
         what += f" ({frame.f_code.co_filename}:{line})"
     return what
 

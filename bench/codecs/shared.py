@@ -62,14 +62,13 @@ def find(codec: str, path: Path | None = None) -> TrainedNetwork:
 
     `MissingDataError` says how to get it; `ContainerError` if the file is damaged, or holds something else.
     """
-    if path is None:
-        path = place(codec)
-    if not path.exists():
-        raise missing_network(codec, path)
-    network = read(path)
+    file = path or place(codec)
+    if not file.exists():
+        raise missing_network(codec, file)
+    network = read(file)
     if network.codec != codec:
         fault = f"this is the network of codec {network.codec}, not of {codec}"
-        raise ContainerError(f"{path}: {fault}: make that with `neubtf-bench pretrain {codec}`")
+        raise ContainerError(f"{file}: {fault}: make that with `neubtf-bench pretrain {codec}`")
     return network
 
 
@@ -85,10 +84,8 @@ def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
 
 def missing_network(codec: str, path: Path | None = None) -> MissingDataError:
     """The error, to be raised, for a shared network that is missing at `path`, or at its default place."""
-    if path is None:
-        path = place(codec)
     return MissingDataError(
-        f"{path}: missing: codec {codec} needs the network that it shares over materials: make it "
+        f"{path or place(codec)}: missing: codec {codec} needs the network that it shares over materials: make it "
         f"with `neubtf-bench pretrain {codec}`"
     )
 

@@ -54,7 +54,7 @@ def append(folder: Path, record: Record) -> None:
         end = file.tell()  # 0 if the file is new
         file.seek(max(0, end - 1))
         is_cut = file.read(1) not in (b"", b"\n")  # an earlier process was killed while writing its line
-        rest = memoryview(b"\n" * is_cut + _sealed_line(record))
+        rest = memoryview((b"\n" if is_cut else b"") + _sealed_line(record))
         # Whole or not at all: a write may take only a part of the bytes, and what a failed one left is cut off.
         try:
             while rest:

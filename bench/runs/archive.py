@@ -52,7 +52,7 @@ from bench.runs.job import store_content
 from bench.runs.provenance import machine, provenance, revision_and_time
 from bench.runs.workbench import Opening, Workbench, open_workbench
 
-# All files of an archive may unpack to `RATIO` times its own bytes; any to `LEAST_BYTES`, none to over `MOST_BYTES`.
+# An archive may unpack to `RATIO` times its own bytes, or to `LEAST_BYTES` if that is more, but not over `MOST_BYTES`.
 MOST_BYTES = 4 << 30
 LEAST_BYTES = 256 << 20
 RATIO = 64
@@ -240,7 +240,7 @@ def _obstacle_of_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
     submitted data. Where only the prepared data tell, it refuses those that are too large to be made on trust.
     """
     kind = kind_of(spec)
-    # What identifies the data, known without making them; None for kinds of material of which it cannot be known.
+    # What identifies the data; None for a kind of material whose data must be made first.
     outline = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))
     if outline is not None:
         return "" if outline.fingerprint == job["score_key"]["btf"] else _OTHER_DATA.format(spec.name)
@@ -265,12 +265,7 @@ def _verdict_by_scoring(
     misfits = list(misnamed(job, header))
     if misfits:
         return Verified(job["job"], DIFFERS, "; ".join(misfits))
-    # The record has the names of the claimed job, such as its material and seed; all else is measured here.
-    record: Job = {**kept(job, NAMES), "split": split, "fit_key": _key_of_fit(job, header, workbench)}
-    # Large arrays, such as pictures of slices, go into files below `out`.
-    record |= evaluate(workbench, loaded, threads=1, keep=partial(store_content, out), show=show)
-    record |= {"score_key": score_key(workbench, header), "scored": revision_and_time(), "machine": machine()}
-    record |= {"status": "ok", "verified": True, "file": f"files/{file.name}"}
+    record = _measured_here(job, workbench, loaded, out, show) | {"split": split}
     atomic.write(out / record["file"], file.read_bytes())
     reasons = list(differences(job, record))
     records.append(out, record)
@@ -280,6 +275,16 @@ def _verdict_by_scoring(
     if len(reasons) > MOST_REASONS:
         why += f" and {len(reasons) - MOST_REASONS} more"
     return Verified(job["job"], DIFFERS, why, record)
+
+
+def _measured_here(job: Job, workbench: Workbench, loaded: loading.Loaded, out: Path, show: Progress) -> Job:
+    """The record of a decoded file as it is measured here, with the names of the claimed job, such as its material and
+    seed. Large arrays, such as pictures of slices, go into files below `out`."""
+    header = loaded.header
+    record: Job = {**kept(job, NAMES), "fit_key": _key_of_fit(job, header, workbench)}
+    record |= evaluate(workbench, loaded, threads=1, keep=partial(store_content, out), show=show)
+    record |= {"score_key": score_key(workbench, header), "scored": revision_and_time(), "machine": machine()}
+    return record | {"status": "ok", "verified": True, "file": f"files/{header.path.name}"}
 
 
 def _key_of_fit(job: Job, header: Header, workbench: Workbench) -> FitKey:

@@ -210,14 +210,7 @@ class Processes(Executor):
             number = process.result()  # the time to start the process does not count
             worker_process = self._process(seat)
             told.close()  # the process has its own copy: when it ends, nobody holds this end
-            try:
-                return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
-            except TimeoutError:
-                if job.done():  # the job itself raised it
-                    raise
-                with suppress(ProcessLookupError):
-                    os.kill(number, signal.SIGKILL)
-                raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)") from None
+            return self._result_in_time(job, number)
         except CancelledError as error:  # the run ended before the process had started
             raise BrokenProcessPool("the worker was ended") from error
         except BrokenProcessPool as error:
@@ -228,6 +221,20 @@ class Processes(Executor):
             raise
         finally:
             self.free.put(seat)
+
+    def _result_in_time(self, job: Future[T], number: int) -> T:
+        """Wait for the result of a job, which runs in the process of that number.
+
+        If it takes longer than the limit, the process is killed. Raises the job's error, or `OutOfTimeError`.
+        """
+        try:
+            return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
+        except TimeoutError:
+            if job.done():  # the job itself raised it
+                raise
+            with suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
+            raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)") from None
 
     def _process(self, seat: int) -> BaseProcess | None:
         """The process of a seat's worker; None if it has none. It is asked for while it lives, because a pool forgets a

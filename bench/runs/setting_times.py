@@ -37,7 +37,7 @@ from bench.runs.suite import CodecSpec, Suite, canonical
 log = logging.getLogger(__name__)
 
 SURFACES = 2  # of the suite; the built-in ones first, which need no download
-ROUNDS = 2  # the same contestants again, after everything else: what a machine does for minutes disturbs one of them
+ROUNDS = 2  # so that what disturbs the machine for minutes disturbs one round alone
 TURNS = 20  # of a contestant in a round
 
 

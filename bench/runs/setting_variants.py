@@ -48,7 +48,7 @@ log = logging.getLogger(__name__)
 TURNS = 10  # of a variant
 CHECKED = 4_096  # random samples whose answers are compared with float64's
 BATCHES = tuple(1 << power for power in range(14, 23, 2))
-LARGEST_ON_CPU = 1 << 18  # of them: larger ones take minutes there, and no longer a sample
+LARGEST_ON_CPU = 1 << 18  # queries: a larger batch takes minutes on a CPU, and no longer a sample
 SWEPT = 6  # settings that are timed in each of `BATCHES`, one a codec
 # Files in the folder: the variant that is being tried, and those that ended a process.
 TRIED = "tried.txt"
@@ -110,10 +110,10 @@ class _Measuring:
         records.append(folder, start)
 
     def measure_all(self) -> None:
-        """One setting of each codec, steps of fits, batches of other sizes, then all other settings.
+        """Time one setting of each codec, then steps of fits, batches of other sizes, and all other settings.
 
-        Other batches are timed of the first `SWEPT` of these settings that have a network: what a small batch costs
-        more is the launches of its layers.
+        Batches of other sizes are those of networks alone, of the first `SWEPT` settings that have one: a small batch
+        costs more because of the launches of its layers.
         """
         usual = timing.batch_on(self.device)  # queries
         # Of one codec the last setting replaces the others: suites list the largest last.

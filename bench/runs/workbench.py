@@ -152,8 +152,8 @@ class Workbench:
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
 
     def _groups_by_hull(self, heldout: np.ndarray) -> dict[str, np.ndarray]:
-        """Of held-out pairs (n,) those inside the hull, where training pairs lie around them in each direction, and
-        those outside, where a decoder must extrapolate: as many of both, at about the same θ_o and θ_i."""
+        """The held-out pairs (n,) inside the hull, where training pairs lie around them in each direction, and those
+        outside, where a decoder must extrapolate: as many inside as outside, at about the same θ_o and θ_i."""
         wo = torch.from_numpy(self.btf.wo[heldout])
         wi = torch.from_numpy(self.btf.wi[heldout])
         is_outside = PairInterpolator(self.training.layout).outside(wo, wi).numpy()
@@ -161,7 +161,7 @@ class Workbench:
         return {"heldout, inside hull": inside, "heldout, outside hull": outside}
 
     def _at_equal_angles(self, inside: np.ndarray, outside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of pairs inside a hull (n,) and outside (m,), as many of each in every cell of `CELL_DEG` over θ_o and θ_i.
+        """As many pairs inside a hull (n,) as outside (m,) in every cell of `CELL_DEG` over θ_o and θ_i.
 
         Directions outside a hull are mostly grazing, where all codecs are worse; so only the hull makes a difference.
         """

@@ -120,8 +120,9 @@ def _with_new_tables(path: Path, text: str) -> str:
     return _BLOCK.sub(made_again, text)
 
 
-def _printed_table(path: Path, words: str) -> str:
-    """What the command `words` of a document prints, as Markdown: text in a fence, or a Markdown table as it is."""
+def _table_options(path: Path, words: str) -> argparse.Namespace:
+    """The options of the command `words` of a document. `InputError` unless it is a `table` of one kind and of files,
+    as text or Markdown."""
     try:
         command, *rest = shlex.split(words)
     except ValueError as error:  # an open quote, or no word at all
@@ -133,15 +134,20 @@ def _printed_table(path: Path, words: str) -> str:
     except argparse.ArgumentError as error:
         raise InputError(f"{path}: `neubtf-bench {words}`: {error}") from error
     kinds, sources = table.kinds_and_places(options.what)
-    kind = kinds[0] if kinds else None
-    format = options.format
-    if command != "table" or len(kinds) > 1 or not sources or unknown or format not in ("text", "markdown"):
+    if command != "table" or len(kinds) > 1 or not sources or unknown or options.format not in ("text", "markdown"):
         raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
-    choice = table.choice(options)
+    return options
+
+
+def _printed_table(path: Path, words: str) -> str:
+    """What the command `words` of a document prints, as Markdown: text in a fence, or a Markdown table as it is."""
+    options = _table_options(path, words)
+    kinds, sources = table.kinds_and_places(options.what)
+    kind = kinds[0] if kinds else None
     if kind == "parameters":
-        text = table.parameters_table(sources, format, choice)
+        text = table.parameters_table(sources, options.format, table.choice(options))
     else:
-        text = table_text(sources, format, kind, choice, options.all)
+        text = table_text(sources, options.format, kind, table.choice(options), options.all)
     if kind and not text.strip():
         text = f"No such table yet: {WHY_EMPTY[kind]}"
-    return f"{text}\n" if format == "markdown" else f"```\n{text}\n```\n"
+    return f"{text}\n" if options.format == "markdown" else f"```\n{text}\n```\n"
