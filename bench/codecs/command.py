@@ -92,14 +92,8 @@ class Programs(Codec):
 
         `InputError` if a command line lacks a placeholder; `CodecError` says how the program failed.
         """
-        for setting, needed in (("encode", ("{btf}", "{files}")), ("decode", ("{files}",))):
-            command = getattr(self.settings, setting)
-            absent = [word for word in needed if word not in command]
-            if absent:
-                raise InputError(
-                    f"setting {setting} of codec command must be a program's command line with {' and '.join(needed)}; "
-                    f"{command!r} has no {absent[0]}"
-                )
+        self._require_placeholders("encode", "{btf}", "{files}")
+        self._require_placeholders("decode", "{files}")
         with tempfile.TemporaryDirectory(prefix="neubtf-command-") as scratch:
             btf_file = Path(scratch) / "training.npz"
             files = Path(scratch) / "files"
@@ -109,6 +103,16 @@ class Programs(Codec):
             values = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
             self._run(_words(self.settings.encode, values))
             return _parts_of_folder(files, btf.shape, self.settings.encode)
+
+    def _require_placeholders(self, setting: str, *needed: str) -> None:
+        """Raise `InputError` if the command line of a setting lacks one of the needed placeholders."""
+        command = getattr(self.settings, setting)
+        absent = [word for word in needed if word not in command]
+        if absent:
+            raise InputError(
+                f"setting {setting} of codec command must be a program's command line with {' and '.join(needed)}; "
+                f"{command!r} has no {absent[0]}"
+            )
 
     def _run(self, words: list[str]) -> None:
         """Run a command line to its end. `CodecError` if it fails, or takes longer than the setting `seconds`."""

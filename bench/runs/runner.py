@@ -241,25 +241,25 @@ class _Session:
         yield from _with_restarts(runnable, self.workers, partial(work, show=show))
 
     def time(self) -> None:
-        """Time the decoders of each material in turns, and write the records.
-
-        Of a codec's seeds the first with a file is timed, since the time does not depend on the seed.
-        """
+        """Time the decoders of each material in turns, and write the records."""
         if not present(self.options.device):
             remedy = "run the same command on a machine with a GPU"
             log.warning("no decoder is timed, because there is no GPU here: %s", remedy)
             return
         for material in self.suite.materials:
-            jobs: dict[str, Job] = {}  # by label
-            for task in self.tasks:
-                if task.material.name == material.name and task.name in self.done:
-                    jobs.setdefault(task.codec.label, self.done[task.name])
-            if not jobs:
-                continue
+            jobs = self._jobs_to_time(material)
             show = partial(self._show_timing, material.name)
-            timed = list(jobs.values())
-            for record in timings(self.options.folder, timed, self.options.device, self.suite.threads, show):
+            for record in timings(self.options.folder, jobs, self.options.device, self.suite.threads, show):
                 records.append(self.options.folder, record | {"run": self.run_id})
+
+    def _jobs_to_time(self, material: MaterialSpec) -> list[Job]:
+        """The jobs on a material whose decoders are timed: for each codec with its settings the first seed that has a
+        file, since the time does not depend on the seed."""
+        jobs: dict[str, Job] = {}  # by label
+        for task in self.tasks:
+            if task.material.name == material.name and task.name in self.done:
+                jobs.setdefault(task.codec.label, self.done[task.name])
+        return list(jobs.values())
 
     def _show_timing(self, material: str, label: str, done: int, total: int) -> None:
         """Show the progress of timing, with the name of the material before the label."""

@@ -163,7 +163,7 @@ class _Measuring:
             row |= timing.conditions(self.suite.threads, str(self.device))
             row |= {"batch": batch, "execution": execution, "dtype": precision, "of_tolerance": of_tolerance}
             row |= {"limit_ns": least_ns(prepared_material, precision, self.ceilings), **measured[name].summary()}
-            row |= _drawn_from_gpu(prepared_material, queries, precision)
+            row |= _gpu_figures(prepared_material, queries, precision)
             rows.append(row)
         self.record(rows)
 
@@ -220,7 +220,7 @@ class _Measuring:
             self.done.add(row["job"])
 
 
-def _drawn_from_gpu(ready: Material, batch: tuple[Tensor, ...], precision: str) -> Timing:
+def _gpu_figures(ready: Material, batch: tuple[Tensor, ...], precision: str) -> Timing:
     """What the query of a batch takes of a GPU besides time: the bytes that a sample reads; the most memory that is
     held and the power in watts, where the GPU tells them. Empty on a CPU."""
     if not is_gpu(ready.device):

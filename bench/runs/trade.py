@@ -74,13 +74,11 @@ def run_and_measure(
     if noise:
         _path_tracer()  # and a missing Mitsuba
     states: list[str] = []
-    folder = options.folder
-    suite = canonical(suite)
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
-        run = load_run(folder)
+        run = load_run(options.folder)
         options.say(f"{states.count('ok')} of {len(states)} jobs have a file: they are scored and timed now")
         measure(suite, run, options.device, show=options.show, emulated=emulated, noise=noise)
     return states
@@ -109,7 +107,9 @@ def measure(
         with_file = [job for job in jobs if job["status"] == "ok"]
         for job in jobs:
             if job["status"] != "ok":
-                trade.write(trade.row(job, Variant()) | {"error": f"{job['status']}: {_on_one_line(job['error'])}"})
+                trade.write(
+                    trade.choice_row(job, Variant()) | {"error": f"{job['status']}: {_on_one_line(job['error'])}"}
+                )
         _measure_choices(trade, spec, with_file)
         if noise:
             for job in with_file:
@@ -126,9 +126,9 @@ class _Trade:
     left_out: list[str]  # variants that the device only emulates, and that are not measured
     show: Progress
 
-    def row(self, job: Job, variant: Variant) -> Timing:
+    def choice_row(self, job: Job, variant: Variant) -> Timing:
         """What is known of a choice before it is measured."""
-        row = self.bare_row(job["job"], job["material"], job["label"], variant)
+        row = self.row_with_conditions(job["job"], job["material"], job["label"], variant)
         row |= {"of": job["job"], "codec": job["codec"]}
         if job["status"] == "ok":
             row |= {"settings": job["settings"], "score_key": job["score_key"]}
@@ -137,7 +137,7 @@ class _Trade:
             row["emulated"] = True
         return row
 
-    def bare_row(self, of: str, material: str, label: str, variant: Variant) -> Timing:
+    def row_with_conditions(self, of: str, material: str, label: str, variant: Variant) -> Timing:
         """The name and conditions of a choice or of the floor."""
         row: Timing = {
             "kind": "timing",
@@ -221,7 +221,7 @@ def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None
     for choice in _untimed_choices(trade, jobs):
         opening = Opening("trade", spec, suite.data, choice.job["seed"], suite.metrics)
         with open_workbench(opening, trade.show) as workbench:  # which stays open for jobs of the same seed
-            row = trade.row(choice.job, choice.variant)
+            row = trade.choice_row(choice.job, choice.variant)
             row |= trade.measured_before(row)
             try:
                 ready = choice.plain
@@ -258,7 +258,7 @@ def _untimed_choices(trade: _Trade, jobs: list[Job]) -> list[_Choice]:
         if not material.opaque:
             variants += _variants_of_job(trade.suite, job, material)
         for variant in variants:
-            if "ns_per_sample" not in trade.measured_before(trade.row(job, variant)):
+            if "ns_per_sample" not in trade.measured_before(trade.choice_row(job, variant)):
                 untimed.append(_Choice(job, variant, material))
     return untimed
 
@@ -301,7 +301,7 @@ def _time_choices(trade: _Trade, spec: MaterialSpec, timed: dict[str, Material])
         row = trade.run.timings.latest(name)
         assert row is not None  # it was written when it was scored
         trade.write({**row, **measured[name].summary(), "limit_ns": least_ns(ready, row["dtype"], raised)})
-    floor = trade.bare_row(f"{spec.name}/{timing.FLOOR}", spec.name, timing.FLOOR, Variant())
+    floor = trade.row_with_conditions(f"{spec.name}/{timing.FLOOR}", spec.name, timing.FLOOR, Variant())
     floor |= {"ceilings": ceilings, "left_out": trade.left_out}
     trade.write(floor | measured[timing.FLOOR].summary())
 
@@ -408,7 +408,7 @@ def _add_noise(trade: _Trade, job: Job) -> None:
 
     Other executions and precisions have the same noise, and get none.
     """
-    row = trade.run.timings.latest(trade.row(job, Variant())["job"])
+    row = trade.run.timings.latest(trade.choice_row(job, Variant())["job"])
     if row is None or "noise" in row:
         return
     path_tracer = _path_tracer()
