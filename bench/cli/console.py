@@ -161,22 +161,26 @@ def file_lines(file: dict[str, Any]) -> str:
     else:
         lines.append("this file holds no material, but the network that the codec shares over materials")
         lines.append(f"trained on: {file['trained_on']} materials")
-    scene = file.get("scene")
-    if scene:
-        top, left, height, width = scene["window"]
-        across = scene["factor"]
-        sides = " × ".join(map(str, scene["size"]))
-        lines.append(
-            f"fitted to the scene {scene['name']}, demand {scene['demand'][:12]}: {height} × {width} texels of {sides} "
-            f"from row {top}, column {left}, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
-            f"{scene['uniform']:.0%} of samples spread evenly"
-        )
+    if "scene" in file:
+        lines.append(_scene_line(file["scene"]))
     lines += [f"provenance: {key} = {value}" for key, value in file["provenance"].items()]
     for name, tensor in file["tensors"].items():
         form = " × ".join(map(str, tensor["shape"])) or "scalar"
         lines.append(f"  {name}  {tensor['dtype']} {form}  {tensor['bytes']:,} bytes")
     lines.append(f"sha256 of its content: {file['sha256']}")
     return "\n".join(visible(line) for line in lines)
+
+
+def _scene_line(scene: dict[str, Any]) -> str:
+    """Describe the scene that a codec file was fitted to, by the facts in its header."""
+    top, left, height, width = scene["window"]
+    across = scene["factor"]
+    sides = " × ".join(map(str, scene["size"]))
+    return (
+        f"fitted to the scene {scene['name']}, demand {scene['demand'][:12]}: {height} × {width} texels of {sides} "
+        f"from row {top}, column {left}, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
+        f"{scene['uniform']:.0%} of samples spread evenly"
+    )
 
 
 def _material_lines(material: dict[str, Any]) -> list[str]:
@@ -214,11 +218,11 @@ def btf_lines(btf: dict[str, Any]) -> str:
         lines.append("held out: no pairs")
     if btf["low_light"]["pairs"]:
         lines.append(f"low light: {_pairs_line(btf['low_light'])}")
-    of_which = "of all slices"
+    slices_read = "of all slices"
     if btf["slices_read"] < btf["pairs"]:
-        of_which = f"of {btf['slices_read']:,} of {btf['pairs']:,} slices; others may hold more, or NaN"
+        slices_read = f"of {btf['slices_read']:,} of {btf['pairs']:,} slices; others may hold more, or NaN"
     values = ", ".join(f"{name} {value:.4g}" for name, value in btf["values"].items())
-    lines.append(f"values ({of_which}): {values}")
+    lines.append(f"values ({slices_read}): {values}")
     exposed = btf["exposed"]
     shown = f"the median slice has a mean display code of {exposed['code']:.0f} of 255"
     lines.append(f"exposure: {exposed['exposure']:.4g}; {shown}, and black scores {exposed['black']:.1f} dB")

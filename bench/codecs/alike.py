@@ -19,15 +19,15 @@ def stale(jobs: Iterable[Job]) -> dict[str, str]:
     """
     entries = codec_entries()  # once, because that reads what every installed package says of itself
     installed: dict[tuple[str, str], dict[str, int]] = {}  # by codec and recipe
-    found = {}
+    differences_by_job = {}
     for job in jobs:
         codec, recipe = _recipe_of(job)
         if (codec, recipe) not in installed:
             installed[codec, recipe] = current_versions(codec, recipe, entries)
         differences = _version_differences(job.get("fit_key", FitKey()), installed[codec, recipe])
         if differences:
-            found[job["job"]] = differences
-    return found
+            differences_by_job[job["job"]] = differences
+    return differences_by_job
 
 
 class _Newest(NamedTuple):

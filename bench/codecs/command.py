@@ -92,14 +92,8 @@ class Programs(Codec):
 
         `InputError` if a command line lacks a placeholder; `CodecError` says how the program failed.
         """
-        for setting, needed in (("encode", ("{btf}", "{files}")), ("decode", ("{files}",))):
-            command = getattr(self.settings, setting)
-            absent = [word for word in needed if word not in command]
-            if absent:
-                raise InputError(
-                    f"setting {setting} of codec command must be a program's command line with {' and '.join(needed)}; "
-                    f"{command!r} has no {absent[0]}"
-                )
+        self._require_placeholders("encode", "{btf}", "{files}")
+        self._require_placeholders("decode", "{files}")
         with tempfile.TemporaryDirectory(prefix="neubtf-command-") as scratch:
             btf_file = Path(scratch) / "training.npz"
             files = Path(scratch) / "files"
@@ -109,6 +103,16 @@ class Programs(Codec):
             values = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
             self._run(_words(self.settings.encode, values))
             return _parts_of_folder(files, btf.shape, self.settings.encode)
+
+    def _require_placeholders(self, setting: str, *needed: str) -> None:
+        """Raise `InputError` if the command line of a setting lacks one of the needed placeholders."""
+        command = getattr(self.settings, setting)
+        absent = [word for word in needed if word not in command]
+        if absent:
+            raise InputError(
+                f"setting {setting} of codec command must be a program's command line with {' and '.join(needed)}; "
+                f"{command!r} has no {absent[0]}"
+            )
 
     def _run(self, words: list[str]) -> None:
         """Run a command line to its end. `CodecError` if it fails, or takes longer than the setting `seconds`."""
@@ -155,10 +159,7 @@ def permitted_programs() -> list[str]:
 
 def _end_of_output(text: str) -> str:
     """The end of what a program printed, for a message: that is where it says what is wrong."""
-    end = text.strip()[-MESSAGE_LENGTH:]
-    if not end:
-        return "no message"
-    return end
+    return text.strip()[-MESSAGE_LENGTH:] or "no message"
 
 
 def _words(command: str, values: dict[str, object]) -> list[str]:
@@ -241,20 +242,25 @@ class ProgramMaterial(Material):
         self._ask(queries, answers)
         self.waited += time.perf_counter() - start
         self.queries += len(rows)
-        try:
-            with np.errstate(over="ignore"):  # a larger number than float32 holds becomes infinite
-                values = np.asarray(np.load(answers, allow_pickle=False), np.float32)
-        except (OSError, ValueError, TypeError, EOFError) as error:
-            remedy = "write a float32 array in the format .npy"
-            raise CodecError(f"{self.command}: its answers cannot be read ({error}): {remedy}") from error
-        if values.shape != (len(rows), 3):
-            remedy = "write one row of linear RGB for each query"
-            raise CodecError(f"{self.command}: it answered {values.shape} instead of ({len(rows)}, 3): {remedy}")
-        if not np.isfinite(values).all():
-            raise CodecError(f"{self.command}: it answered numbers that are not finite in float32: guard against them")
+        values = self._read_answers(answers, len(rows))
         queries.unlink()
         answers.unlink()
         return torch.from_numpy(values).to(uv.device)
+
+    def _read_answers(self, file: Path, count: int) -> np.ndarray:
+        """The answers (count, 3) float32 in a file of the program. `CodecError` says what is wrong with them."""
+        try:
+            with np.errstate(over="ignore"):  # a larger number than float32 holds becomes infinite
+                values = np.asarray(np.load(file, allow_pickle=False), np.float32)
+        except (OSError, ValueError, TypeError, EOFError) as error:
+            remedy = "write a float32 array in the format .npy"
+            raise CodecError(f"{self.command}: its answers cannot be read ({error}): {remedy}") from error
+        if values.shape != (count, 3):
+            remedy = "write one row of linear RGB for each query"
+            raise CodecError(f"{self.command}: it answered {values.shape} instead of ({count}, 3): {remedy}")
+        if not np.isfinite(values).all():
+            raise CodecError(f"{self.command}: it answered numbers that are not finite in float32: guard against them")
+        return values
 
     def _ask(self, queries: Path, answers: Path) -> None:
         """Send the line that names the two files, and wait for the program's line. `CodecError` if none comes."""

@@ -54,9 +54,9 @@ LEVEL = 19  # of Zstandard
 MOST_EXPANSION = 16
 LEAST_EXPANDED = 64 << 20  # 64 MiB
 PARTS = ("decoder", "texture", "encoder", "sampling", "other")
-# The dtypes that a codec may write: the name in a file → the bytes of one number. `HELD`: PyTorch's name of each.
+# The dtypes that a codec may write, by the name in a file: the bytes of one number, and PyTorch's name.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
-HELD = {
+NAME_IN_TORCH = {
     "F64": "float64",
     "F32": "float32",
     "F16": "float16",
@@ -129,13 +129,12 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
     from bench.codec import ZSTD, SharedNetwork, settings_dict
 
     _check_parts(codec, parts)
-    tensors: dict[str, dict[str, Tensor]] = {}
-    for part in PARTS:
-        of_part = getattr(parts, part)
-        if of_part and codec.zstd:  # they become one tensor
-            of_part = {ZSTD: compressed(b"".join(_packed({}, {part: of_part})))}
-        if of_part:
-            tensors[part] = of_part
+    tensors: dict[str, dict[str, Tensor]] = {part: getattr(parts, part) for part in PARTS if getattr(parts, part)}
+    if codec.zstd:  # the tensors of each part become one
+        tensors = {
+            part: {ZSTD: compressed(b"".join(_packed({}, {part: all_of_part})))}
+            for part, all_of_part in tensors.items()
+        }
     settings = settings_dict(codec)
     fields: dict[str, Any] = {"codec": codec.name, "version": codec.version_of(settings), "settings": settings}
     if isinstance(codec, SharedNetwork):
@@ -157,7 +156,7 @@ def _packed(fields: dict[str, Any], tensors: "dict[str, dict[str, Tensor]]") -> 
     """The two lengths, the deflated JSON of the fields and of {part: {name: tensor}}, and the bytes of each tensor."""
     import torch
 
-    name_in_file = {held: name for name, held in HELD.items()}
+    name_in_file = {name_in_torch: name for name, name_in_torch in NAME_IN_TORCH.items()}
     listed: dict[str, dict[str, list[str | int]]] = {}
     payload = []
     for part in sorted(tensors):  # the order in which JSON with sorted keys has them
@@ -208,7 +207,7 @@ def _check_parts(codec: "Encoder", parts: object) -> None:
             if not isinstance(value, Tensor):
                 due = "a tensor (torch.from_numpy makes one of an array)"
                 raise answered(encode, f"Parts whose {full} is of type {type(value).__name__}", due, EncodeError)
-            fault = _fault(value) or _overlap_in_words(value, stored)
+            fault = _fault_of_tensor(value) or _overlap_in_words(value, stored)
             if fault:
                 raise EncodeError(f"codec {codec.name}: {full} {fault}")
             stored[full] = value
@@ -236,7 +235,7 @@ def _overlap(tensor: "Tensor", other: "Tensor") -> bool:
     return begin < begin_of_other + other.nbytes and begin_of_other < begin + tensor.nbytes
 
 
-def _fault(tensor: "Tensor") -> str:
+def _fault_of_tensor(tensor: "Tensor") -> str:
     """Why a file cannot hold a tensor, and what to store instead; "" if it can."""
     import torch
 
@@ -247,8 +246,9 @@ def _fault(tensor: "Tensor") -> str:
         return "is sparse: store its values and its indices as two tensors"
     if tensor.device.type == "meta":
         return "is on the device meta, so it has no values: store a tensor with values"
-    if dtype not in HELD.values():
-        return f"is of type {dtype}, which a file does not hold: convert it to one of {', '.join(HELD.values())}"
+    if dtype not in NAME_IN_TORCH.values():
+        known = ", ".join(NAME_IN_TORCH.values())
+        return f"is of type {dtype}, which a file does not hold: convert it to one of {known}"
     if tensor.is_floating_point() and not tensor.isfinite().all():
         bad = int((~tensor.isfinite()).sum())
         return f"holds {bad:,} of {tensor.numel():,} numbers that are not finite: guard the fit against them"
@@ -257,7 +257,7 @@ def _fault(tensor: "Tensor") -> str:
 
 def read_header(path: Path) -> Header:
     """Check a codec file against its own hash and read its header. `ContainerError` says what is wrong."""
-    header, _ = _checked(Path(path), _read(Path(path)))
+    header, _ = _header_and_payload(Path(path), _read(Path(path)))
     return header
 
 
@@ -266,25 +266,36 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
     from bench.codec import ZSTD, Parts
 
     data = _read(Path(path))
-    header, payload = _checked(Path(path), data)
+    header, payload = _header_and_payload(Path(path), data)
+    tensors = _tensors_of(str(path), header.tensors, payload)
+    if header.settings.get(ZSTD):
+        tensors = _expanded_parts(Path(path), tensors, most=max(LEAST_EXPANDED, MOST_EXPANSION * len(data)))
     parts = Parts(lowest_light=header.lowest_light)
-    # Bytes that the remaining parts may still expand to: a small damaged file must not fill the memory.
-    budget = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))
-    for full, tensor in _loaded(str(path), header.tensors, payload).items():
+    for full, tensor in tensors.items():
         part, name = full.split("/", 1)
-        tensors = {full: tensor}
-        if header.settings.get(ZSTD):  # the tensor holds all tensors of this part, compressed
-            tensors = expanded(tensor, Path(path), budget)
-            if name != ZSTD or any(not inner.startswith(f"{part}/") for inner in tensors):
-                fault = "a compressed part holds tensors of another, or is not alone in its own"
-                raise ContainerError(f"{path}: {fault}: encode it again")
-            budget -= sum(values.nbytes for values in tensors.values())
-        for inner, values in tensors.items():
-            getattr(parts, part)[inner.removeprefix(f"{part}/")] = values
+        getattr(parts, part)[name] = tensor
     return header, parts
 
 
-def _loaded(label: str, entries: Mapping[str, Entry], payload: memoryview) -> "dict[str, Tensor]":
+def _expanded_parts(path: Path, compressed_parts: "dict[str, Tensor]", most: int) -> "dict[str, Tensor]":
+    """The tensors, by "part/name", of parts that are one compressed tensor each.
+
+    `ContainerError` if they have over `most` bytes together: a small damaged file must not fill the memory.
+    """
+    from bench.codec import ZSTD
+
+    tensors: dict[str, Tensor] = {}
+    for full, payload in compressed_parts.items():
+        part, name = full.split("/", 1)
+        of_part = expanded(payload, path, most - sum(tensor.nbytes for tensor in tensors.values()))
+        if name != ZSTD or any(not inner.startswith(f"{part}/") for inner in of_part):
+            fault = "a compressed part holds tensors of another, or is not alone in its own"
+            raise ContainerError(f"{path}: {fault}: encode it again")
+        tensors |= of_part
+    return tensors
+
+
+def _tensors_of(label: str, entries: Mapping[str, Entry], payload: memoryview) -> "dict[str, Tensor]":
     """The tensors of a payload by "part/name", each a copy in memory of its own. `label` names the file in errors.
 
     `ContainerError` if numbers are not finite, or a truth value is neither 0 nor 1: no codec writes these.
@@ -294,7 +305,7 @@ def _loaded(label: str, entries: Mapping[str, Entry], payload: memoryview) -> "d
     tensors = {}
     begin = 0
     for name, (dtype, shape, size) in entries.items():
-        tensor = torch.empty(shape, dtype=getattr(torch, HELD[dtype]))
+        tensor = torch.empty(shape, dtype=getattr(torch, NAME_IN_TORCH[dtype]))
         numbers = tensor.reshape(-1).view(torch.uint8)
         numbers.numpy().data[:] = payload[begin : begin + size]
         begin += size
@@ -317,21 +328,21 @@ def _read(path: Path) -> bytes:
         raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-def _checked(path: Path, data: bytes) -> tuple[Header, memoryview]:
+def _header_and_payload(path: Path, data: bytes) -> tuple[Header, memoryview]:
     """The header of a file's bytes, and the bytes of its tensors.
 
     `ContainerError` if they are no codec file, or not as it was written.
     """
     _check_start(path, data)
     body = memoryview(data)[START:]
-    fields, entries, payload = _opened(str(path), data[len(MAGIC) + 1 : HASH_AT], body)
+    fields, entries, payload = _parsed(str(path), data[len(MAGIC) + 1 : HASH_AT], body)
     digest = data[HASH_AT:START]
     if _digest(data[:HASH_AT], body) != digest:
         raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
     fault = record_fields.fault_of(FileMetadata, fields)  # "" if it has every field, each of its type
     if fault:
         raise ContainerError(f"{path}: its header is not sound: {fault}: encode it again")
-    header = Header(
+    return Header(
         path=path,
         codec=fields["codec"],
         version=fields["version"],
@@ -344,8 +355,7 @@ def _checked(path: Path, data: bytes) -> tuple[Header, memoryview]:
         scene=fields.get("scene", {}),
         network=fields.get("shared", ""),
         provenance=fields.get("provenance", {}),
-    )
-    return header, payload
+    ), payload
 
 
 def _check_start(path: Path, data: bytes) -> None:
@@ -356,14 +366,14 @@ def _check_start(path: Path, data: bytes) -> None:
     if len(data) < START:
         short = f"it has {len(data)} bytes, but the start of a codec file needs {START}"
         raise ContainerError(f"{path}: truncated: {short}: copy it again")
-    found = data[len(MAGIC)]
-    if found > FORMAT:
-        raise ContainerError(f"{path}: format {found} is newer than this version reads ({FORMAT}): upgrade")
-    if found < FORMAT:
-        raise ContainerError(f"{path}: not a codec file (no format {found} begins with {MAGIC.decode()})")
+    file_format = data[len(MAGIC)]
+    if file_format > FORMAT:
+        raise ContainerError(f"{path}: format {file_format} is newer than this version reads ({FORMAT}): upgrade")
+    if file_format < FORMAT:
+        raise ContainerError(f"{path}: not a codec file (no format {file_format} begins with {MAGIC.decode()})")
 
 
-def _opened(label: str, lengths: bytes, body: memoryview) -> tuple[dict[str, Any], dict[str, Entry], memoryview]:
+def _parsed(label: str, lengths: bytes, body: memoryview) -> tuple[dict[str, Any], dict[str, Entry], memoryview]:
     """The fields of the JSON other than the tensors, an entry for each tensor by "part/name", and the tensors' bytes.
 
     `body` is all that follows the lengths and the hash. `ContainerError` unless it is exactly as long as the lengths
@@ -405,10 +415,10 @@ def _json_header(label: str, deflated: memoryview, size: int) -> dict[str, Any]:
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """An object of JSON; `ValueError` if it has a name twice."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    values = dict(pairs)
+    if len(values) < len(pairs):
         raise ValueError("a name occurs twice")
-    return found
+    return values
 
 
 def _entries(label: str, tensors: object) -> dict[str, Entry]:
@@ -473,8 +483,8 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
         data = memoryview(zstandard.ZstdDecompressor().decompress(packed))
     except zstandard.ZstdError as error:
         raise ContainerError(f"{label} is not sound ({error}): encode it again") from error
-    _, entries, numbers = _opened(label, bytes(data[: LENGTHS.size]), data[LENGTHS.size :])
-    return _loaded(label, entries, numbers)
+    _, entries, numbers = _parsed(label, bytes(data[: LENGTHS.size]), data[LENGTHS.size :])
+    return _tensors_of(label, entries, numbers)
 
 
 def _zstandard(what: str) -> ModuleType:

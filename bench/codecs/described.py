@@ -13,9 +13,8 @@ _SUITE = """@software{neubtfbench,
 
 
 def described_codecs() -> dict[str, dict[str, Any]]:
-    """Of each installed codec `about`, `origin`, `bibtex`, links of its `paper` and `code`, and its `settings`.
-
-    `settings` are as `_settings_in_words` gives them; there are none of a codec that cannot be imported.
+    """What each installed codec says of itself, by name: `about`, `origin`, `bibtex`, the links of its `paper` and
+    `code`, and its `settings` as `_settings_in_words` gives them, none if it cannot be imported.
     """
     descriptions = {}
     for name, entry in registry.codec_entries().items():
@@ -36,9 +35,9 @@ def described_codecs() -> dict[str, dict[str, Any]]:
 
 
 def _settings_in_words(codec: type[Codec]) -> list[tuple[str, str, str, str]]:
-    """Of each setting of a codec its name, its meaning, its default, and its value as published.
+    """The name, meaning, default and published value of each setting of a codec.
 
-    The last is "" for a codec without a recipe `paper`, which holds the settings that were published.
+    The published value is that of the codec's recipe `paper`; "" without such a recipe.
     """
     paper = codec.recipes.get("paper")
     settings = []

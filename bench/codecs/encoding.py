@@ -28,7 +28,7 @@ from bench.machine.threads import processor_seconds, torch_threads
 
 Encode = Callable[[BTF, Fit], Parts]  # a codec's own `encode`, or another that makes the parts of its file
 _STANDARD_LIBRARY = sysconfig.get_path("stdlib")
-_left: list[threading.Thread] = []  # threads that codecs started and did not end
+_threads_of_codecs: list[threading.Thread] = []  # those that codecs started and did not end
 
 
 class Fitted(NamedTuple):
@@ -72,11 +72,9 @@ def fit_codec(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) ->
     It raises what the codec raises, and what the codec changes of the process stays changed, except for the number of
     threads. The time of a fit that was resumed includes the time before its interruption.
     """
-    if encode is None:
-        encode = codec.encode
     with torch_threads(fit.threads), watched_threads():
         start = processor_seconds()
-        parts = encode(btf, fit)
+        parts = (encode or codec.encode)(btf, fit)
         seconds = processor_seconds() - start
     if isinstance(parts, Parts):  # what is none is refused when it is written
         lowest = max(0.0, float(btf.wi[:, 2].min()))  # data may have lights below the horizon
@@ -107,9 +105,7 @@ def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
     def encode_naming_faults(btf: BTF, fit: Fit) -> Parts:
         """Make the parts of a file as the codec does, or raise the error that names it."""
         try:
-            if encode is None:
-                return codec.encode(btf, fit)
-            return encode(btf, fit)
+            return (encode or codec.encode)(btf, fit)
         except (InputError, KeyboardInterrupt):
             raise
         except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
@@ -137,44 +133,34 @@ def watched_threads() -> Iterator[None]:
         if os.getpid() != process:  # this is a fork that the codec made
             os._exit(1)
         new = set(threading.enumerate()) - before
-        _left.extend(thread for thread in new if not thread.daemon)
+        _threads_of_codecs.extend(thread for thread in new if not thread.daemon)
 
 
 def threads_left() -> list[str]:
     """The names of threads that codecs left running, and that still run."""
-    return [thread.name for thread in _left if thread.is_alive()]
+    return [thread.name for thread in _threads_of_codecs if thread.is_alive()]
 
 
 def error_in_words(error: BaseException, codec: Codec) -> str:
     """An error that a codec raised, in one line, with the last line of its author's own files in the trace."""
-    if isinstance(error, ContainerError) and error.__cause__:  # the file was written just now, so it is not damaged
-        error = error.__cause__  # what the decoder raised
-    if isinstance(error, CodecError):
-        return str(error)  # names the author's line itself
-    what = said_by(error)
-    if isinstance(error, SystemExit):
-        code = error.code  # what was given to `sys.exit`: a number, a message, or nothing, which is 0
-        if code is None:
-            code = 0
-        how = f"the message {shown(code)}"
-        if isinstance(code, int):
-            how = f"exit code {code}"
-        what = f"it ends the process with {how}: raise an error instead"
+    # The file was written just now, so it is not damaged: what the decoder raised counts.
+    raised = error.__cause__ if isinstance(error, ContainerError) and error.__cause__ else error
+    if isinstance(raised, CodecError):
+        return str(raised)  # names the author's line itself
+    what = _exit_in_words(raised) if isinstance(raised, SystemExit) else said_by(raised)
     # PyTorch's error where a product mixes the two dtypes: networks and tables have the material's, queries do not.
     if "Half" in what and "float" in what.lower():
         what += ": queries are at least float32; convert what meets them by .to(wi.dtype)"
-    place = _own_line(error, codec)  # "" if no line of the author's files is in the trace
-    if not place:
-        return what
-    return f"{what} ({place})"
+    for frame, line in list(own_frames(raised, codec))[-1:]:  # the innermost, if the trace has any
+        what += f" ({frame.f_code.co_filename}:{line})"
+    return what
 
 
-def _own_line(error: BaseException, codec: Codec) -> str:
-    """The file and line of a codec's own package where an error was raised; "" if the traceback shows none."""
-    place = ""  # of the last frame, which is the innermost
-    for frame, line in own_frames(error, codec):
-        place = f"{frame.f_code.co_filename}:{line}"
-    return place
+def _exit_in_words(error: SystemExit) -> str:
+    """That a codec ends the process, in one line, with what it gave to `sys.exit`: a number, a message, or nothing."""
+    code = 0 if error.code is None else error.code
+    how = f"exit code {code}" if isinstance(code, int) else f"the message {shown(code)}"
+    return f"it ends the process with {how}: raise an error instead"
 
 
 def own_frames(error: BaseException, codec: Codec) -> Iterator[tuple[FrameType, int]]:

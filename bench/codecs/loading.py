@@ -39,15 +39,14 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     path = Path(path)
     header, parts = read_parts(path)
     codec_class = _codec_of(header)
-    network = _needed_network(header, codec_class, network)
-    parts = dataclasses.replace(parts, network=network)
+    needed = _needed_network(header, codec_class, network)
     numbers = _count_numbers(parts)
-    if network is not None:
-        numbers += _count_numbers(network.parts)
+    if needed is not None:
+        numbers += _count_numbers(needed.parts)
     try:
         with decoding(numbers):  # no decoder may have more weights than such a file can hold
             codec = codec_class(**header.settings)
-            material = decoded(codec, parts, torch.device(device))
+            material = decoded(codec, dataclasses.replace(parts, network=needed), torch.device(device))
         _check_answers(material)
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
@@ -63,7 +62,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     except BaseException as error:  # tensors that no encoder made may raise any error in a decoder
         what = said_by(error)
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
-    return Loaded(header, material, network)
+    return Loaded(header, material, needed)
 
 
 def _codec_of(header: Header) -> type[Codec]:
@@ -100,18 +99,13 @@ def _needed_network(header: Header, codec_class: type[Codec], network: TrainedNe
         return None
     if network is not None and network.sha256 == header.network:
         return network
-    shipped = None  # the file of the network that comes with the codec
-    if codec_class.network is not None:
-        shipped = codec_class.network.shipped
+    shipped = codec_class.network.shipped if codec_class.network else None  # what comes with the codec
     return shared.find_named_by(header, shipped)
 
 
 def _count_numbers(parts: Parts) -> int:
     """How many numbers the tensors of all parts hold together."""
-    count = 0
-    for part in PARTS:
-        count += sum(tensor.numel() for tensor in getattr(parts, part).values())
-    return count
+    return sum(tensor.numel() for part in PARTS for tensor in getattr(parts, part).values())
 
 
 def _check_answers(material: Material) -> None:

@@ -61,9 +61,7 @@ def _entry(name: str, wanted_by: str = "") -> EntryPoint:
 
 def _prefix(wanted_by: str) -> str:
     """The beginning of a message, which says what wants a codec, such as the path of a file; "" if nothing does."""
-    if not wanted_by:
-        return ""
-    return f"{wanted_by}: "
+    return f"{wanted_by}: " if wanted_by else ""
 
 
 def _has_codec(folder: str, name: str) -> bool:
@@ -85,9 +83,7 @@ def _imported_class(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
         raise CodecError(f"{prefix}{codec_in_words(entry)}{place} cannot be imported: {said_by(error)}") from error
     name = getattr(codec, "name", None)
     if name != entry.name:
-        fault = f"calls itself {name!r}"
-        if name is None:
-            fault = "has no name"
+        fault = "has no name" if name is None else f"calls itself {name!r}"
         raise InputError(f"{prefix}{codec_in_words(entry)} {fault}: write `name = {entry.name!r}` into its class")
     if not isinstance(getattr(codec, "version", None), int):
         raise InputError(f"{prefix}{codec_in_words(entry)} has no version: add `version = 1` to its class")
@@ -192,9 +188,7 @@ def _assigned(module: str, class_name: str, wanted: str) -> Any:
     is not known without importing the module.
     """
     node = _definition(module, class_name)
-    if node is None:
-        return None
-    for statement in node.body:
+    for statement in node.body if node is not None else ():
         if isinstance(statement, ast.Assign):
             target = statement.targets[0]
         elif isinstance(statement, ast.AnnAssign):
@@ -220,11 +214,9 @@ def _docstring(module: str, class_name: str = "") -> str:
     If the module itself is not found, a line that says so, because lists show this text.
     """
     node = _definition(module, class_name)
-    if node is None and _definition(module, "") is None:
-        return f"not importable: {module}"
-    if node is None:
-        return ""
-    return ast.get_docstring(node) or ""
+    if node is not None:
+        return ast.get_docstring(node) or ""
+    return f"not importable: {module}" if _definition(module, "") is None else ""
 
 
 @cache

@@ -44,11 +44,10 @@ def hashed_name(codec: str, sha256: str) -> str:
 
 def read(path: Path) -> TrainedNetwork:
     """Read a shared network's file. `ContainerError` says what is wrong."""
-    header, parts = container.read_parts(path)
-    return _trained(header, parts)
+    return _network_of_file(*container.read_parts(path))
 
 
-def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
+def _network_of_file(header: container.Header, parts: Parts) -> TrainedNetwork:
     """The shared network that a file holds. `ContainerError` if the file is a material, or is not complete."""
     remedy = f"make one with `neubtf-bench pretrain {header.codec}`"
     if header.kind != container.SHARED:
@@ -63,14 +62,13 @@ def find(codec: str, path: Path | None = None) -> TrainedNetwork:
 
     `MissingDataError` says how to get it; `ContainerError` if the file is damaged, or holds something else.
     """
-    if path is None:
-        path = place(codec)
-    if not path.exists():
-        raise missing_network(codec, path)
-    network = read(path)
+    file = path or place(codec)
+    if not file.exists():
+        raise missing_network(codec, file)
+    network = read(file)
     if network.codec != codec:
         fault = f"this is the network of codec {network.codec}, not of {codec}"
-        raise ContainerError(f"{path}: {fault}: make that with `neubtf-bench pretrain {codec}`")
+        raise ContainerError(f"{file}: {fault}: make that with `neubtf-bench pretrain {codec}`")
     return network
 
 
@@ -86,10 +84,8 @@ def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
 
 def missing_network(codec: str, path: Path | None = None) -> MissingDataError:
     """The error, to be raised, for a shared network that is missing at `path`, or at its default place."""
-    if path is None:
-        path = place(codec)
     return MissingDataError(
-        f"{path}: missing: codec {codec} needs the network that it shares over materials: make it "
+        f"{path or place(codec)}: missing: codec {codec} needs the network that it shares over materials: make it "
         f"with `neubtf-bench pretrain {codec}`"
     )
 
@@ -110,14 +106,11 @@ def find_named_by(header: container.Header, shipped: Path | None) -> TrainedNetw
     for path in paths:
         if not path.is_file():
             continue
-        found, parts = container.read_parts(path)
-        if found.sha256 == header.network:
-            return _trained(found, parts)
+        header_of_network, parts = container.read_parts(path)
+        if header_of_network.sha256 == header.network:
+            return _network_of_file(header_of_network, parts)
     users_own = place(header.codec)
-    if users_own.exists():
-        what = "another one"
-    else:
-        what = f"missing (`neubtf-bench pretrain {header.codec}`)"
+    what = "another one" if users_own.exists() else f"missing (`neubtf-bench pretrain {header.codec}`)"
     raise ContainerError(
         f"{header.path}: it needs the shared network of codec {header.codec}, sha256 {header.network}: "
         f"put its file beside it, or into {users}, as {hashed}; {users_own} is {what}"

@@ -45,9 +45,8 @@ class Window:
 
     def cut(self, btf: BTF) -> BTF:
         """The part of a BTF in the window, as means over its boxes of factor × factor texels."""
-        if not self.full:
-            btf = btf.crop(self.top, self.left, self.height, self.width)
-        return btf.downsample(self.factor)
+        part = btf if self.full else btf.crop(self.top, self.left, self.height, self.width)
+        return part.downsample(self.factor)
 
     @property
     def sides(self) -> tuple[int, int]:

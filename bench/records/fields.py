@@ -40,7 +40,7 @@ _OF_TRADE = (*_TIME, "ratio_to_floor", "ratio_interval95", "batch", "threads")
 _SCORED = ("codec", "settings", "score_key", "bytes", "psnr", "worst", "flip")
 
 
-def fault(record: Mapping[str, Any]) -> str:
+def fault_of_record(record: Mapping[str, Any]) -> str:
     """The first wrong field of a record, and what it must be; "" if all are right.
 
     A job with a result needs its numbers, and one that failed its error; a timing its time, but for choices of a trade.
@@ -51,7 +51,10 @@ def fault(record: Mapping[str, Any]) -> str:
         needed += _RESULT_FIELDS if record.get("status") == "ok" else ("error",)
     if described is Timing:
         needed += _needed_of_timing(record)
-    return _missing(record, needed) or fault_of(described, record)
+    for name in needed:
+        if name not in record:
+            return f"{name} is missing"
+    return fault_of(described, record)
 
 
 def _needed_of_timing(record: Mapping[str, Any]) -> tuple[str, ...]:
@@ -75,7 +78,7 @@ def fault_of(described: type, value: Any) -> str:
     try:
         _adapter(described).validate_python(value)
     except ValidationError as error:
-        return _told(value, error)
+        return _error_in_words(value, error)
     return ""
 
 
@@ -87,40 +90,33 @@ def _adapter(described: Any) -> "TypeAdapter[Any]":
     return TypeAdapter(with_config(ConfigDict(strict=True, extra="allow", allow_inf_nan=False))(described))
 
 
-def _told(value: Any, error: "ValidationError") -> str:
+def _error_in_words(value: Any, error: "ValidationError") -> str:
     """What is wrong at the first wrong place of a value, in words: `scores/heldout must be …, not 3`."""
     first, *others = error.errors(include_url=False, include_context=False)
-    place, held = _place(value, first["loc"])
+    place, wrong = _path_and_value(value, first["loc"])
     if first["type"] == "missing":
         return f"{place}/{first['loc'][-1]} is missing".lstrip("/")
     # Of a field of several types there is an error for each type. pydantic's "Input should be a valid string" becomes
     # "must be a valid string".
-    words = [first["msg"], *(each["msg"] for each in others if _place(value, each["loc"])[0] == place)]
-    told = " or ".join(dict.fromkeys(words)).removeprefix("Value error, ")
-    told = re.sub("^(Input|List|String) should", "must", told.replace(" or Input should be", " or"))
-    what = f"an object of {len(held)}" if isinstance(held, dict) else shown(held)
-    return f"{place} {told}, not {what}".lstrip()
+    messages = [first["msg"], *(each["msg"] for each in others if _path_and_value(value, each["loc"])[0] == place)]
+    joined = " or ".join(dict.fromkeys(messages)).removeprefix("Value error, ")
+    rule = re.sub("^(Input|List|String) should", "must", joined.replace(" or Input should be", " or"))
+    instead = f"an object of {len(wrong)}" if isinstance(wrong, dict) else shown(wrong)
+    return f"{place} {rule}, not {instead}".lstrip()
 
 
-def _place(value: Any, parts: tuple[int | str, ...]) -> tuple[str, Any]:
+def _path_and_value(value: Any, parts: tuple[int | str, ...]) -> tuple[str, Any]:
     """The path of a place that pydantic names, such as `scores/heldout`, and what stands there.
 
     Parts that are not in the value are left out: a missing field, or one of the types that a field may have.
     """
     path = []
+    there = value  # at the path so far
     for part in parts:
-        if (isinstance(value, dict) and part in value) or (isinstance(value, list) and isinstance(part, int)):
-            value = value[part]  # type: ignore[index]
+        if (isinstance(there, dict) and part in there) or (isinstance(there, list) and isinstance(part, int)):
+            there = there[part]  # type: ignore[index]
             path.append(f"{part:.60}" if isinstance(part, str) else str(part))
-    return "/".join(path), value
-
-
-def _missing(value: Mapping[str, Any], needed: tuple[str, ...]) -> str:
-    """The first needed field that is missing, in words; "" if none is."""
-    for name in needed:
-        if name not in value:
-            return f"{name} is missing"
-    return ""
+    return "/".join(path), there
 
 
 def kept(record: Kept, use: Use) -> Kept:
@@ -131,10 +127,10 @@ def kept(record: Kept, use: Use) -> Kept:
 
 def _shortened(hint: Any, value: Any, use: Use) -> Any:
     """A value without what the use does not keep; an object none of whose fields says a use stays whole."""
-    while get_origin(hint) in (Annotated, Required, NotRequired):
-        hint = get_args(hint)[0]
     if not isinstance(value, dict):
         return value
+    if get_origin(hint) in (Annotated, Required, NotRequired):
+        return _shortened(get_args(hint)[0], value, use)
     if get_origin(hint) is dict:
         return {name: _shortened(get_args(hint)[1], item, use) for name, item in value.items()}
     names = field_names(use, hint) if is_typeddict(hint) else ()

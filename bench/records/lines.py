@@ -27,7 +27,6 @@ from bench.records.schema import (
     ARTEFACT,
     Job,
     Machine,
-    MetricFacts,
     Record,
     RunStart,
     ScoreKey,
@@ -36,7 +35,7 @@ from bench.records.schema import (
     setting_name,
 )
 
-Found = TypeVar("Found")
+Item = TypeVar("Item")
 
 log = logging.getLogger(__name__)
 
@@ -50,22 +49,19 @@ _LONGEST_LINE = 16 << 20  # bytes; a record has a few thousand
 
 def append(folder: Path, record: Record) -> None:
     """Append one record to a run and sync it to disk. `InputError` if it cannot be written."""
-    line = _sealed_line(record)
     remedy = "make room, then give the same command again: finished work is kept"
-    with writable(folder / FILE, remedy), open(folder / FILE, "ab", buffering=0) as file:
-        if start := file.tell():  # the file's length; 0 if it is new
-            with open(folder / FILE, "rb") as written:
-                written.seek(-1, os.SEEK_END)
-                if written.read(1) != b"\n":  # an earlier process was killed while writing its line
-                    line = b"\n" + line
+    with writable(folder / FILE, remedy), open(folder / FILE, "a+b", buffering=0) as file:
+        end = file.tell()  # 0 if the file is new
+        file.seek(max(0, end - 1))
+        is_cut = file.read(1) not in (b"", b"\n")  # an earlier process was killed while writing its line
+        rest = memoryview((b"\n" if is_cut else b"") + _sealed_line(record))
         # Whole or not at all: a write may take only a part of the bytes, and what a failed one left is cut off.
         try:
-            rest = memoryview(line)
             while rest:
                 rest = rest[os.write(file.fileno(), rest) :]
             os.fsync(file.fileno())
         except OSError:
-            os.truncate(file.fileno(), start)
+            os.truncate(file.fileno(), end)
             raise
 
 
@@ -77,13 +73,13 @@ def _sealed_line(record: Record) -> bytes:
     return b'{"crc32": "%08x", %b\n' % (zlib.crc32(text), text)
 
 
-class Records(Sequence[Found]):
+class Records(Sequence[Item]):
     """Records of one kind: the latest of each name, in the order in which the names were planned or appeared."""
 
-    def __init__(self, by_name: Mapping[Any, Found] | None = None) -> None:
-        self._by_name: dict[object, Found] = dict(by_name or {})
+    def __init__(self, by_name: Mapping[Any, Item] | None = None) -> None:
+        self._by_name: dict[object, Item] = dict(by_name or {})
 
-    def put(self, name: object, record: Found) -> None:
+    def put(self, name: object, record: Item) -> None:
         """Add a record; it replaces an earlier one of that name."""
         self._by_name[name] = record
 
@@ -92,21 +88,21 @@ class Records(Sequence[Found]):
         ordered = {name: self._by_name[name] for name in names if name in self._by_name}
         self._by_name = ordered | self._by_name
 
-    def latest(self, name: object) -> Found | None:
+    def latest(self, name: object) -> Item | None:
         """The latest record of a name, or None."""
         return self._by_name.get(name)
 
     def __len__(self) -> int:
         return len(self._by_name)
 
-    def __iter__(self) -> Iterator[Found]:
+    def __iter__(self) -> Iterator[Item]:
         return iter(self._by_name.values())
 
     @overload
-    def __getitem__(self, index: int) -> Found: ...
+    def __getitem__(self, index: int) -> Item: ...
     @overload
-    def __getitem__(self, index: slice) -> list[Found]: ...
-    def __getitem__(self, index: int | slice) -> Found | list[Found]:
+    def __getitem__(self, index: slice) -> list[Item]: ...
+    def __getitem__(self, index: int | slice) -> Item | list[Item]:
         """A record by its number, or a list of records by a slice."""
         return list(self._by_name.values())[index]
 
@@ -143,12 +139,15 @@ class Run:
         """The timings of settings, apart from surfaces: only they are pooled over rounds."""
         return [timing for timing in self.timings if "rounds" in timing]
 
-    def machine(self, timing: Timing) -> Machine:
-        """The machine on which a timing was taken: that of its start, or of the last if it names none; empty if it is
-        not known."""
-        name = timing.get("run", "")
+    def start_of(self, record: Mapping[str, Any]) -> RunStart:
+        """The start that measured a job or a timing: the last one, if it names none; empty if it is not here."""
+        name = record.get("run", "")
         starts = [start for start in self.starts if not name or start.get("run") == name]
-        return starts[-1].get("machine", Machine()) if starts else Machine()
+        return starts[-1] if starts else RunStart()
+
+    def machine(self, timing: Timing) -> Machine:
+        """The machine on which a timing was taken; empty if it is not known."""
+        return self.start_of(timing).get("machine", Machine())
 
     @property
     def choices(self) -> list[Timing]:
@@ -172,19 +171,18 @@ def _file_of(record: Job | Timing) -> str | None:
     return record.get("score_key", ScoreKey()).get("sha256")
 
 
-def view(function: Callable[..., Found]) -> Callable[..., Found]:
+def view(function: Callable[..., Item]) -> Callable[..., Item]:
     """A function of a run, and of words, whose result is kept with the run: each table and figure may ask for it."""
 
     @wraps(function)
-    def kept(run: Run, *words: str) -> Found:
+    def answer(run: Run, *words: str) -> Item:
         """The function's answer for this run, from before if it was asked for then."""
         key = (function, *words)
         if key not in run.views:
             run.views[key] = function(run, *words)
-        found: Found = run.views[key]
-        return found
+        return cast(Item, run.views[key])
 
-    return kept
+    return answer
 
 
 def load_run(folder: str | Path) -> Run:
@@ -233,9 +231,7 @@ def load_together(
     that are not `wanted` replace no other job. With `beside`, files of records come first, and a job of a folder that
     used other data than theirs stands beside theirs under another name, without its timing.
     """
-    paths: list[Path] = []
-    for source in sources:
-        paths += _files_of(Path(source))
+    paths = [path for source in sources for path in _files_of(Path(source))]
     if beside:
         paths.sort(key=lambda path: path.suffix != ".jsonl")
     runs = [load_warned(path) for path in paths]
@@ -245,29 +241,29 @@ def load_together(
     for number, (path, run) in enumerate(zip(paths, runs, strict=True)):
         is_file = path.suffix == ".jsonl"  # of records, not the folder of a run
         together.starts.extend(run.starts)
+        together.unreadable.extend(run.unreadable)
         # The names of this run's jobs that replace none of another run; nor do their timings.
         aside: set[str] = set()
-        for relative in run.jobs:
-            job = _with_whole_paths(relative, run.folder.absolute())
+        for job in (_with_whole_paths(each, run.folder.absolute()) for each in run.jobs):
             name = job["job"]
             if job["status"] == "ok" and not wanted(job):
                 aside.add(name)
                 together.jobs.put((number, name), job)  # under a key that no other job has
-            elif not _of_other_data(job, together.job(name)):
+                continue
+            if not _of_other_data(job, together.job(name)):
                 together.jobs.put(name, job)
                 if is_file:
                     together.published.add(name)
-            elif beside and name in together.published and not is_file:
-                aside.add(name)
-                other_name = f"{name}, other data of {run.folder.name}"
-                together.jobs.put(other_name, {**job, "job": other_name})
-            else:
+                continue
+            if is_file or not beside or name not in together.published:
                 remedy = "was measured on other data in an earlier run: give fewer runs, or name the material otherwise"
                 raise InputError(f"{run.folder}: {name} {remedy}")
+            aside.add(name)
+            other_name = f"{name}, other data of {run.folder.name}"
+            together.jobs.put(other_name, {**job, "job": other_name})
         for timing in run.timings:
             if timing["job"] not in aside:
                 together.timings.put(timing["job"], timing)
-        together.unreadable.extend(run.unreadable)
     return together
 
 
@@ -318,51 +314,56 @@ def _files_of(source: Path) -> list[Path]:
     return sorted(source.glob("*.jsonl")) or [source]
 
 
-def _put_back(job: dict[str, Any], starts: Sequence[RunStart]) -> None:
-    """Put back what published records say once: the settings of a fit; the facts and versions of metrics, which the
-    start of the job's run has; the names in the points of a curve. What is of another form stays as it is."""
-    key, scored, history = (job.get(name) for name in ("fit_key", "score_key", "history"))
-    if isinstance(key, dict) and key and "settings" in job:
-        key.setdefault("settings", job["settings"])
+def _whole_job(job: dict[str, Any], start: RunStart) -> dict[str, Any]:
+    """A job of published records with what these say once: the settings of its fit; the facts and versions of metrics,
+    which its start has; the names in the points of a curve. What is of another form stays as it is."""
+    whole = dict(job)
+    fit_key, score_key, history = (job.get(name) for name in ("fit_key", "score_key", "history"))
+    if isinstance(fit_key, dict) and fit_key and "settings" in job:
+        whole["fit_key"] = fit_key | {"settings": fit_key.get("settings", job["settings"])}
     if isinstance(history, dict) and all(isinstance(column, list) for column in history.values()):
         with suppress(ValueError):  # columns of different lengths
             points = zip(*history.values(), strict=True)
-            job["history"] = [dict(zip(history, point, strict=True)) for point in points]
-    facts: dict[str, MetricFacts] = {}
-    for start in starts:
-        if start.get("run") == job.get("run"):
-            facts = start.get("metrics", facts)
-    if facts and isinstance(scored, dict) and "metrics" not in job and job.get("status") == "ok":
-        job["metrics"] = facts
-        scored.setdefault("metrics", {name: each["version"] for name, each in facts.items()})
+            whole["history"] = [dict(zip(history, point, strict=True)) for point in points]
+    facts = start.get("metrics")
+    if facts and isinstance(score_key, dict) and "metrics" not in job and job.get("status") == "ok":
+        versions = {name: each["version"] for name, each in facts.items()}
+        whole["metrics"] = facts
+        whole["score_key"] = score_key | {"metrics": score_key.get("metrics", versions)}
+    return whole
 
 
-def _add_line(run: Run, text: bytes, place: str) -> bool:
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    """The record of a line; None if it is cut, altered, or no record of a known kind."""
+    sealed = _SEALED.match(line)
+    if sealed and int(sealed[1], 16) != zlib.crc32(line[sealed.end() :].rstrip(b"\n")):
+        return None
+    from pydantic_core import from_json  # only where something is read; it takes two thirds of the time of `json`
+
+    try:
+        record = from_json(line)
+    except ValueError:
+        return None
+    kind = record.get("kind") if isinstance(record, dict) else None
+    if not isinstance(kind, str) or kind not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
+        return None
+    return {name: value for name, value in record.items() if name != "crc32"}
+
+
+def _add_line(run: Run, line: bytes, place: str) -> bool:
     """Add the record of a line to the run; return False if the line is not a record.
 
     `InputError` for a wrong field, which it names with the line's `place`, its file and number.
     """
-    sealed = _SEALED.match(text)
-    if sealed and int(sealed[1], 16) != zlib.crc32(text[sealed.end() :].rstrip(b"\n")):
+    record = _parsed(line)
+    if record is None:
         return False
-    from pydantic_core import from_json  # only where something is read; it takes two thirds of the time of `json`
-
-    try:
-        record = from_json(text)
-    except ValueError:
-        return False
-    if not isinstance(record, dict) or not isinstance(record.get("kind"), str):
-        return False
-    record.pop("crc32", None)
-    kind = record["kind"]
-    if kind == "job":
-        _put_back(record, run.starts)
-    if kind not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
-        return False
-    fault = fields.fault(record)
+    if record["kind"] == "job":
+        record = _whole_job(record, run.start_of(record))
+    fault = fields.fault_of_record(record)
     if fault:
         raise InputError(f"{place}: {fault}: mend the line or remove it")
-    match kind:
+    match record["kind"]:
         case "run":
             run.starts.append(cast(RunStart, record))
         case "stress":

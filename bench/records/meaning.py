@@ -190,23 +190,23 @@ def flattened(job: Job, timing: Timing | None) -> dict[str, Any]:
         fields[name] = score.get(name)
     versions = {name: metric["version"] for name, metric in job.get("metrics", {}).items()}
     versions |= score.get("metrics", {})  # where the scores were computed by other versions, those count
-    _add_flattened("metric_version/", versions, fields)
+    fields.update(_flat_fields("metric_version/", versions))
     fields.update(zip(("height", "width"), job.get("shape", ()), strict=False))
     # Fields apart name the job, and came first, or have a form of their own.
     apart, apart_of_timing = field_names(APART), field_names(APART, Timing)
-    _add_flattened("", {name: value for name, value in job.items() if name not in apart}, fields)
+    fields.update(_flat_fields("", {name: value for name, value in job.items() if name not in apart}))
     times = {name: value for name, value in (timing or {}).items() if name not in apart_of_timing}
-    _add_flattened("timing/", times, fields)
+    fields.update(_flat_fields("timing/", times))
     return fields
 
 
-def _add_flattened(prefix: str, values: Mapping[str, Any], fields: dict[str, Any]) -> None:
-    """Add the fields of `values`, named with a prefix, to `fields`."""
+def _flat_fields(prefix: str, values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """The path of each field of `values`, after a prefix, with its value: see `flattened`."""
     for name, value in values.items():
+        path = prefix + name
         if isinstance(value, dict):
-            _add_flattened(f"{prefix}{name}/", value, fields)
+            yield from _flat_fields(f"{path}/", value)
         elif not isinstance(value, list):
-            fields[prefix + name] = value
+            yield path, value
         elif len(value) <= _LONGEST and all(isinstance(item, int | float) for item in value):
-            for number, item in enumerate(value):
-                fields[f"{prefix}{name}/{number}"] = item
+            yield from ((f"{path}/{number}", item) for number, item in enumerate(value))

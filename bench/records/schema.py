@@ -82,7 +82,7 @@ class Rule:
 def _is_plain(value: Any, depth: int = 0) -> bool:
     """Whether a value of JSON has at most `DEEPEST` levels, and holds only numbers and texts that tables can show."""
     if isinstance(value, dict):
-        value = list(value.values())
+        return _is_plain(list(value.values()), depth)
     if isinstance(value, list):
         return depth < DEEPEST and all(_is_plain(item, depth + 1) for item in value)
     if isinstance(value, str):

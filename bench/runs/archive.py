@@ -52,7 +52,7 @@ from bench.runs.job import store_content
 from bench.runs.provenance import machine, provenance, revision_and_time
 from bench.runs.workbench import Opening, Workbench, open_workbench
 
-# All files of an archive may unpack to `RATIO` times its own bytes; any to `LEAST_BYTES`, none to over `MOST_BYTES`.
+# An archive may unpack to `RATIO` times its own bytes, or to `LEAST_BYTES` if that is more, but not over `MOST_BYTES`.
 MOST_BYTES = 4 << 30
 LEAST_BYTES = 256 << 20
 RATIO = 64
@@ -71,45 +71,33 @@ def jobs_with_results(run: Run, codecs: list[str]) -> Run:
 
     `InputError` if no job is left.
     """
-    part = dataclasses.replace(run, jobs=Records(), timings=Records())
-    for job in run.jobs:
-        if job["status"] == "ok" and (not codecs or job["codec"] in codecs):
-            part.jobs.put(job["job"], job)
-            timing = run.timing(job)  # None if this job was not timed
-            if timing:
-                part.timings.put(job["job"], timing)
-    if not part.jobs:
-        of_codecs = ""
-        if codecs:
-            of_codecs = f" of {' or '.join(codecs)}"
-        with_results = sorted({job["codec"] for job in run.jobs if job["status"] == "ok"})
-        raise InputError(
-            f"{run.folder}: no job{of_codecs} has a result; codecs with results: {', '.join(with_results) or 'none'}"
-        )
+    with_results = [job for job in run.jobs if job["status"] == "ok"]
+    chosen = {job["job"]: job for job in with_results if not codecs or job["codec"] in codecs}
+    if not chosen:
+        of_codecs = f" of {' or '.join(codecs)}" if codecs else ""
+        others = ", ".join(sorted({job["codec"] for job in with_results})) or "none"
+        raise InputError(f"{run.folder}: no job{of_codecs} has a result; codecs with results: {others}")
     # Whoever verifies the jobs prepares the same data, and needs the preparation for it.
     if not any("materials" in start for start in run.starts):
         raise InputError(f"{run.folder}: its records do not say how materials were prepared: run the suite again")
-    return part
+    timings = {timing["job"]: timing for timing in map(run.timing, chosen.values()) if timing}
+    return dataclasses.replace(run, jobs=Records(chosen), timings=Records(timings))
 
 
 def pack(run: Run, lines: str, path: Path) -> None:
     """Write the archive of a run's jobs. `lines` becomes its `records.jsonl`. `InputError` if a codec file is gone."""
-    files: dict[Path, None] = {}  # used as an ordered set: several jobs may have one file, or share one network
-    for job in run.jobs:
-        file = _file_of(run, job["file"], str(job["score_key"].get("sha256")))
-        files[file] = None
+    files = [_checked_file(run, job["file"], str(job["score_key"].get("sha256"))) for job in run.jobs]
     for job in run.jobs:  # the networks that these files need
         digest = job["fit_key"].get("shared")  # the hash of the network's file; absent if the codec shares none
         if digest:
-            network_file = _file_of(run, f"files/{shared.hashed_name(job['codec'], digest)}", digest)
-            files[network_file] = None
+            files.append(_checked_file(run, f"files/{shared.hashed_name(job['codec'], digest)}", digest))
     with atomic.replacing(path) as unfinished, zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(FILE, lines)
-        for file in files:
+        for file in dict.fromkeys(files):  # each once: several jobs may have one file, or share one network
             archive.write(file, f"files/{file.name}")
 
 
-def _file_of(run: Run, name: str, digest: str) -> Path:
+def _checked_file(run: Run, name: str, digest: str) -> Path:
     """The path of a codec file of this run, given its name and hash.
 
     `InputError` for any other file, because a record could name any file of this machine.
@@ -175,17 +163,15 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     Measured data must lie under `NEUBTF_DATA`, or at the path that `places` has by name of material: an archive may not
     choose which paths of this machine are opened.
     """
-    starts = {start["run"]: start for start in run.starts if "run" in start}
-    for start in starts.values():
+    for start in {start["run"]: start for start in run.starts if "run" in start}.values():  # the last of each name
         # Who measured, and with what, is said of this machine; only what the jobs are comes from the archive.
         submitted = {key: value for key, value in start.items() if key in _STARTED}
         here = {"text": "", "device": "cpu", "threads": 1, **provenance()}
         records.append(out, cast(RunStart, submitted | here))
     for job in run.jobs:
-        name = str(job.get("job"))
-        start = starts.get(job.get("run", ""), RunStart())  # empty if the archive lacks the start of the job's run
+        name = job["job"]
         try:
-            yield _verdict_on_job(job, start, run.folder, out, show, places or {})
+            yield _verdict_on_job(job, run.start_of(job), run.folder, out, show, places or {})
         except InputError as error:
             yield Verified(name, NOT_VERIFIED, str(error))
         except OSError:  # such as a full disk: it says nothing of the job
@@ -198,7 +184,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
 def _verdict_on_job(
     job: Job, start: RunStart, folder: Path, out: Path, show: Progress, places: Mapping[str, str]
 ) -> Verified:
-    """The verdict on one job of an archive that is unpacked in `folder`; `start` is the start of its run.
+    """The verdict on one job of an archive that is unpacked in `folder`; `start` is the one that measured it.
 
     A job is scored only if it has a result, its codec is installed, and its data can be the submitted data. Otherwise
     it is `NOT_VERIFIED`, and its file is not decoded.
@@ -213,7 +199,7 @@ def _verdict_on_job(
         return Verified(name, NOT_VERIFIED, f"{codec} is not installed here")
     if "pooled" not in metrics_of(job).get(PSNR, {}):
         return Verified(name, NOT_VERIFIED, "its record has no scores to compare")
-    spec = _material(job, start, places)
+    spec = _material_here(job, start, places)
     data = table(f"data of {name}", Preparation, start.get("data"))
     obstacle = _obstacle_of_data(job, spec, data)  # "" if the data may be prepared
     if obstacle:
@@ -225,20 +211,17 @@ def _verdict_on_job(
         return _verdict_by_scoring(job, workbench, folder, out, show, data.split)
 
 
-def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialSpec:
+def _material_here(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialSpec:
     """How the material of a job was prepared, with its path on this machine.
 
     `places` maps names of materials to paths that the user of this machine gave. `InputError` if the archive does not
     hold the material, or would choose the path itself.
     """
-    stated = start.get("materials")
-    if not stated:  # absent, or null in the record
-        stated = []
+    stated = start.get("materials") or []  # absent, or null in the record
     materials = [table("materials of its run", MaterialSpec, each) for each in stated]
-    of_this_name = [spec for spec in materials if spec.name == job["material"]]
-    if not of_this_name:
+    spec = next((spec for spec in materials if spec.name == job["material"]), None)
+    if spec is None:
         raise InputError(f"its run does not say how {job['material']} was prepared: pack the run again")
-    spec = of_this_name[0]
     if spec.name in places:
         return dataclasses.replace(spec, path=places[spec.name])
     if not spec.path:  # a built-in material, which has no file
@@ -257,12 +240,10 @@ def _obstacle_of_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
     submitted data. Where only the prepared data tell, it refuses those that are too large to be made on trust.
     """
     kind = kind_of(spec)
-    # What identifies the data, known without making them; None for kinds of material of which it cannot be known.
+    # What identifies the data; None for a kind of material whose data must be made first.
     outline = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))
     if outline is not None:
-        if outline.fingerprint == job["score_key"]["btf"]:
-            return ""
-        return _OTHER_DATA.format(spec.name)
+        return "" if outline.fingerprint == job["score_key"]["btf"] else _OTHER_DATA.format(spec.name)
     needed = kind.bytes_made(spec, data)
     if needed > MOST_BAKED:
         return f"baking {spec.name} would need {needed >> 30} GiB"
@@ -284,18 +265,7 @@ def _verdict_by_scoring(
     misfits = list(misnamed(job, header))
     if misfits:
         return Verified(job["job"], DIFFERS, "; ".join(misfits))
-    # The record has the names of the claimed job, such as its material and seed; all else is measured here.
-    record: Job = {**kept(job, NAMES), "split": split, "fit_key": _key_of_fit(job, header, workbench)}
-    # Large arrays, such as pictures of slices, go into files below `out`.
-    record |= evaluate(workbench, loaded, threads=1, keep=partial(store_content, out), show=show)
-    record |= {
-        "score_key": score_key(workbench, header),
-        "scored": revision_and_time(),
-        "machine": machine(),
-        "status": "ok",
-    }
-    record["verified"] = True
-    record["file"] = f"files/{file.name}"
+    record = _measured_here(job, workbench, loaded, out, show) | {"split": split}
     atomic.write(out / record["file"], file.read_bytes())
     reasons = list(differences(job, record))
     records.append(out, record)
@@ -307,11 +277,20 @@ def _verdict_by_scoring(
     return Verified(job["job"], DIFFERS, why, record)
 
 
+def _measured_here(job: Job, workbench: Workbench, loaded: loading.Loaded, out: Path, show: Progress) -> Job:
+    """The record of a decoded file as it is measured here, with the names of the claimed job, such as its material and
+    seed. Large arrays, such as pictures of slices, go into files below `out`."""
+    header = loaded.header
+    record: Job = {**kept(job, NAMES), "fit_key": _key_of_fit(job, header, workbench)}
+    record |= evaluate(workbench, loaded, threads=1, keep=partial(store_content, out), show=show)
+    record |= {"score_key": score_key(workbench, header), "scored": revision_and_time(), "machine": machine()}
+    return record | {"status": "ok", "verified": True, "file": f"files/{header.path.name}"}
+
+
 def _key_of_fit(job: Job, header: Header, workbench: Workbench) -> FitKey:
     """What a file says of its fit; the version of the store of textures, which no file holds, is the claimed one."""
     key: FitKey = {"codec": header.codec, "version": header.version, "settings": header.settings}
-    key["store"] = job["fit_key"]["store"]
-    key["training"] = workbench.training.fingerprint
+    key |= {"store": job["fit_key"]["store"], "training": workbench.training.fingerprint}
     if header.network:
         key["shared"] = header.network
     return key
@@ -320,9 +299,7 @@ def _key_of_fit(job: Job, header: Header, workbench: Workbench) -> FitKey:
 def differences(claimed: Job, here: Job) -> Iterator[str]:
     """The claims that differ from the measurements here by more than rounding on another processor, in words."""
     measured = json.loads(json.dumps(here))  # with lists for tuples, as the claims were read from JSON, too
-    # `CLAIM` marks the fields of a record that are compared when it is verified.
-    claims = kept(claimed, CLAIM)
-    for name, value in claims.items():
+    for name, value in kept(claimed, CLAIM).items():
         yield from _differences_of_values(name, value, measured.get(name))
 
 
@@ -338,17 +315,17 @@ def _differences_of_values(place: str, claimed: Any, measured: Any) -> Iterator[
                 continue  # scores in a scene: archives hold no demand, and these are not published
             yield from _differences_of_values(f"{place}/{name}", value, measured.get(name))
         return
-    close = claimed == measured
-    # Counts, texts and missing values (None) must be equal; only floats may differ by rounding.
-    are_numbers = isinstance(claimed, int | float) and isinstance(measured, int | float)
-    if are_numbers and float in (type(claimed), type(measured)):
-        if "/psnr" in place or place.startswith(("footprints/", "between/")):  # numbers in dB
-            limit = DECIBELS
-        else:
-            limit = RELATIVE * abs(measured)
-        close = math.isclose(claimed, measured, rel_tol=0, abs_tol=limit)
-    if not close:
+    if not _agree(place, claimed, measured):
         yield f"{place} is {measured}, not {claimed}"
+
+
+def _agree(place: str, claimed: Any, measured: Any) -> bool:
+    """Whether two values agree: floats within rounding, counts, texts and missing values (None) only if equal."""
+    are_numbers = isinstance(claimed, int | float) and isinstance(measured, int | float)
+    if not (are_numbers and float in (type(claimed), type(measured))):
+        return bool(claimed == measured)
+    in_decibels = "/psnr" in place or place.startswith(("footprints/", "between/"))
+    return math.isclose(claimed, measured, rel_tol=0, abs_tol=DECIBELS if in_decibels else RELATIVE * abs(measured))
 
 
 def misnamed(claimed: Job, header: Header) -> Iterator[str]:

@@ -17,7 +17,7 @@ from bench.metrics.display import exposure, exposure_of
 from bench.program import Program
 from bench.program.recording import program_of
 
-PAIRS, POINTS = 256, 256  # random pairs and points of each, whose answers give the exposure of a material without a BTF
+PAIRS, POINTS = 256, 256  # random pairs, and points at each pair, that give the exposure where there is no BTF
 SPARSE = 9  # the most views, and the most lights, of a truth that a page shows live
 SPARSE_FLOATS = 1_000_000  # the most floats of such a truth
 BAKED = 13  # views, and lights, of a material that cannot be a program: 5.5 MB at 64² texels

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -43,7 +43,6 @@ from bench.records import (
     Job,
     MetricFacts,
     Provenance,
-    Scene,
     ScoreKey,
     Statistics,
     deciding_group,
@@ -117,7 +116,7 @@ def record_of_scores(
         coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.boxes, workbench.exposure, COARSE)
         between = _between_texels(workbench, decoder)
         pictures = _pictures(workbench, decoder)
-        in_scene = _in_scene(workbench, material)
+        in_scene = _in_scene(workbench, material, name, keep)
     summary = _summary_of_groups(workbench, scores) | lowest
     finest = summary[deciding_group(workbench.groups)]["metrics"][PSNR]
     # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
@@ -138,22 +137,14 @@ def record_of_scores(
     }
     if workbench.exposed.fault:
         record["black"] = workbench.exposed.black
-    if between is not None:
-        record["between"] = between
-    if in_scene is not None:
-        record["scene"] = in_scene.quality
-        record["frames"] = keep(f"frames/{name}.npz", in_scene.pictures)
-    return record
+    return record | between | in_scene
 
 
 def _costs(material: Material) -> Job:
     """What a material takes, as fields of a record; after it was asked, because a program's queries are counted."""
-    parameter_count = resident = None  # an opaque material, such as another program, does not tell them
-    if not material.opaque:
-        parameter_count = parameters(material)
-        resident = resident_bytes(material)
-    cost = cast(Cost, dataclasses.asdict(material.cost))
-    costs: Job = {"parameters": parameter_count, "resident": resident, "cost": cost}
+    costs: Job = {"parameters": None, "resident": None, "cost": cast(Cost, dataclasses.asdict(material.cost))}
+    if not material.opaque:  # an opaque material, such as another program, does not tell them
+        costs |= {"parameters": parameters(material), "resident": resident_bytes(material)}
     # A program's own time is not known: what is measured includes the exchange of files, so it has fields of its own.
     if isinstance(material, ProgramMaterial):
         nanoseconds = 1e9 * material.waited / max(1, material.queries)
@@ -188,17 +179,23 @@ def _at_low_light(workbench: Workbench, decoder: "Slices") -> dict[str, Any]:
     return {LOW_LIGHT: summary[LOW_LIGHT]}
 
 
-def _between_texels(workbench: Workbench, decoder: "Slices") -> Between | None:
-    """The mean display PSNR between texels, and that of the same pairs at texel centres.
+def _between_texels(workbench: Workbench, decoder: "Slices") -> Job:
+    """The field `between` of a record: the mean display PSNR between texels, and that of the same pairs at texel
+    centres.
 
-    None without a rendering of the truth there, and for stored slices, which answer nowhere but at texel centres.
+    Empty without a rendering of the truth there, and for stored slices, which answer nowhere but at texel centres.
     """
     truth = workbench.btf.between
     if truth is None or isinstance(decoder.material, SlicesMaterial):
-        return None
+        return {}
     between = scoring.footprint_errors(truth, range(len(truth)), decoder.between, workbench.exposure, [1])
     centres = scoring.footprint_errors(workbench.btf, workbench.at_centres, decoder.boxes, workbench.exposure, [1])
-    return {"mean": _mean_at_one_texel(between), "centres": _mean_at_one_texel(centres), "slices": len(truth)}
+    means: Between = {
+        "mean": _mean_at_one_texel(between),
+        "centres": _mean_at_one_texel(centres),
+        "slices": len(truth),
+    }
+    return {"between": means}
 
 
 def _mean_at_one_texel(errors: dict[int, np.ndarray]) -> float:
@@ -277,20 +274,17 @@ class Slices:
         return self.slice(pair)
 
 
-class _InScene(NamedTuple):
-    """The quality of a material in the frames of a scene, and a few small frames."""
+def _in_scene(workbench: Workbench, material: Material, name: str, keep: Keep) -> Job:
+    """The fields of a record on a scene: the quality in its `frames`, and the stored file of a few small ones.
 
-    quality: Scene
-    pictures: dict[str, np.ndarray]
-
-
-def _in_scene(workbench: Workbench, material: Material) -> _InScene | None:
-    """The quality of a material in the frames of the scene; None without a scene."""
+    Empty without a scene.
+    """
     frame_scorer = workbench.frame_scorer
     if frame_scorer is None:  # the workbench has no demand
-        return None
+        return {}
     frames = frame_scorer.frames(material)
-    return _InScene(frame_scorer.record(frames), frame_scorer.pictures(frames))
+    pictures = keep(f"frames/{name}.npz", frame_scorer.pictures(frames))
+    return {"scene": frame_scorer.record(frames), "frames": pictures}
 
 
 def _arrays_of_slices(

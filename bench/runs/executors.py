@@ -45,8 +45,8 @@ class Workers:
 
 Seats = Callable[[], AbstractContextManager[Workers]]  # opens the workers of a run, and ends them
 TELL_EVERY = 0.2  # seconds between two messages of a worker about its progress
-_told: list[Connection] = []  # in a worker process: where it tells its progress
-_told_at: dict[str, float] = {}  # when it last told of each label
+_progress_pipes: list[Connection] = []  # in a worker process: the one into which it tells its progress
+_last_told: dict[str, float] = {}  # when it last told the progress of each label
 
 
 @contextmanager
@@ -71,7 +71,7 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
     if is_gpu(device):
         if numbered:
             raise InputError(f"--device {device}: with --jobs each job has one of the GPUs: give --device {kind}")
-        gpus = _gpus(count, device)
+        gpus = _gpu_variables(count, device)
     pool = Processes(count, threads, gpus, limit)
     try:
         yield Workers(pool, count, show_with=pool.show_with)
@@ -91,11 +91,7 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
     try:
         if is_file and not os.path.exists(address):  # the client would wait for it forever
             raise FileNotFoundError("no such file")
-        if is_file:
-            where = {"scheduler_file": address}
-        else:
-            where = {"address": address}
-        client = Client(**where, timeout=PATIENCE, set_as_default=False)
+        client = Client(**{"scheduler_file" if is_file else "address": address}, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
     # As pure functions, the default of Dask, equal calls would run once: a repeated job would get its first answer.
@@ -157,7 +153,7 @@ class Processes(Executor):
         self.threads = threads
         self.gpus = gpus
         self.limit = limit
-        self.show: Show | None = None
+        self.show: Show = _show_nothing
         self.workers: dict[int, _Worker] = {}  # by seat, the place of a worker
         self.watchers = ThreadPoolExecutor(count)
         self.free: queue.SimpleQueue[int] = queue.SimpleQueue()  # seats without a job
@@ -197,15 +193,10 @@ class Processes(Executor):
         context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
         theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
         heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
-        gpu_variables = {}
-        if self.gpus:
-            gpu_variables = self.gpus[seat]
+        gpu_variables = self.gpus[seat] if self.gpus else {}
         pool = ProcessPoolExecutor(1, context, _prepare_worker, (self.threads, gpu_variables, theirs, told))
         self.workers[seat] = _Worker(pool, leash, told)
-        show: Show = _show_nothing
-        if self.show is not None:
-            show = self.show
-        threading.Thread(target=_show_progress_of_worker, args=(heard, show), daemon=True).start()
+        threading.Thread(target=_show_progress_of_worker, args=(heard, self.show), daemon=True).start()
 
     def _watch(self, seat: int, process: Future[int], job: Future[T], told: Connection) -> T:
         """Wait for the result of a job, in a thread of `watchers`, and free the seat.
@@ -219,14 +210,7 @@ class Processes(Executor):
             number = process.result()  # the time to start the process does not count
             worker_process = self._process(seat)
             told.close()  # the process has its own copy: when it ends, nobody holds this end
-            try:
-                return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
-            except TimeoutError:
-                if job.done():  # the job itself raised it
-                    raise
-                with suppress(ProcessLookupError):
-                    os.kill(number, signal.SIGKILL)
-                raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)") from None
+            return self._result_in_time(job, number)
         except CancelledError as error:  # the run ended before the process had started
             raise BrokenProcessPool("the worker was ended") from error
         except BrokenProcessPool as error:
@@ -237,6 +221,20 @@ class Processes(Executor):
             raise
         finally:
             self.free.put(seat)
+
+    def _result_in_time(self, job: Future[T], number: int) -> T:
+        """Wait for the result of a job, which runs in the process of that number.
+
+        If it takes longer than the limit, the process is killed. Raises the job's error, or `OutOfTimeError`.
+        """
+        try:
+            return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
+        except TimeoutError:
+            if job.done():  # the job itself raised it
+                raise
+            with suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
+            raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)") from None
 
     def _process(self, seat: int) -> BaseProcess | None:
         """The process of a seat's worker; None if it has none. It is asked for while it lives, because a pool forgets a
@@ -299,16 +297,15 @@ def tell(label: str, done: int, total: int) -> None:
 
     The first and the last step are told in any case, steps between them at most every `TELL_EVERY` seconds.
     """
-    if not _told:  # this process is no worker that was started here
+    if not _progress_pipes:  # this process is no worker that was started here
         return
     now = time.monotonic()
-    is_between = 0 < done < total
-    told_lately = now - _told_at.get(label, -math.inf) < TELL_EVERY
-    if is_between and told_lately:
+    told_lately = now - _last_told.get(label, -math.inf) < TELL_EVERY
+    if told_lately and 0 < done < total:
         return
-    _told_at[label] = now
+    _last_told[label] = now
     with suppress(OSError):  # the other process has ended
-        _told[0].send((label, done, total))
+        _progress_pipes[0].send((label, done, total))
 
 
 def _show_progress_of_worker(connection: Connection, show: Show) -> None:
@@ -332,7 +329,7 @@ def _prepare_worker(threads: int, gpu: dict[str, str], leash: Connection, told: 
     process its GPU, by name and value; empty without a GPU.
     """
     os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)) | gpu)
-    _told.append(told)
+    _progress_pipes.append(told)
 
     def end_with_parent() -> None:
         """End this process when the parent closes its end of the pipe, or dies."""
@@ -344,7 +341,7 @@ def _prepare_worker(threads: int, gpu: dict[str, str], leash: Connection, told: 
     threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-def _gpus(count: int, device: str) -> list[dict[str, str]]:
+def _gpu_variables(count: int, device: str) -> list[dict[str, str]]:
     """For each of `count` jobs, the environment variable that gives its process a GPU, by name and value.
 
     If the variable is set already, as a cluster's scheduler does, only the GPUs that it names are handed out. More jobs

@@ -37,13 +37,13 @@ def identity(codec: Codec, *more: str) -> FitKey:
     roots |= {*ALWAYS, *more}
     if codec.scene:
         roots.update(OF_SCENES)
-    return _identity(frozenset(roots))
+    return _identity_of_modules(frozenset(roots))
 
 
 @cache
-def _identity(roots: frozenset[str]) -> FitKey:
+def _identity_of_modules(roots: frozenset[str]) -> FitKey:
     """`code` and `libraries` as in `identity`, for the modules `roots`."""
-    digests, libraries = _reached(roots)
+    digests, libraries = _digests_and_libraries(roots)
     # Sorted, so that the hash does not depend on the order in which modules are reached.
     lines = "\n".join(f"{name} {digest}" for name, digest in sorted(digests.items()))
     versions: dict[str, str | None] = {}
@@ -54,10 +54,10 @@ def _identity(roots: frozenset[str]) -> FitKey:
     return {"code": hashlib.sha256(lines.encode()).hexdigest(), "libraries": versions}
 
 
-def _reached(roots: Collection[str]) -> tuple[dict[str, str], set[str]]:
+def _digests_and_libraries(roots: Collection[str]) -> tuple[dict[str, str], set[str]]:
     """A digest by name of each module that the roots import, directly or through others, and the top-level packages of
     the libraries that they import."""
-    own = SUITE | {_top(root) for root in roots}  # read even if they are installed
+    always_read = SUITE | {_top(root) for root in roots}  # even if they are installed
     digests: dict[str, str] = {}
     libraries: set[str] = set()
     waiting = list(roots)
@@ -67,10 +67,10 @@ def _reached(roots: Collection[str]) -> tuple[dict[str, str], set[str]]:
         if name in digests or top in sys.stdlib_module_names:
             continue
         path = source_of(name)
-        if top not in own and (path is None or INSTALLED & set(path.parts)):
+        if top not in always_read and (path is None or INSTALLED & set(path.parts)):
             libraries.add(top)
         elif path is not None:  # `from module import name` may name a function, which has no file
-            digests[name], imported = _source(path, name)
+            digests[name], imported = _digest_and_imports(path, name)
             waiting += imported
             if "." in name:
                 waiting.append(name.rpartition(".")[0])  # a package runs before its modules
@@ -87,17 +87,17 @@ def _top(module: str) -> str:
 
 
 @cache
-def _source(path: Path, module: str) -> tuple[str, tuple[str, ...]]:
+def _digest_and_imports(path: Path, module: str) -> tuple[str, tuple[str, ...]]:
     """The digest of the file of the module of that name, which is read but not run, and what the module may import."""
     content = path.read_bytes()
     try:
-        imported = tuple(_imported(ast.parse(content), module, path))
+        imported = tuple(_imports(ast.parse(content), module, path))
     except (SyntaxError, ValueError):  # compiled, such as a .so: its imports are not known
         imported = ()
     return hashlib.sha256(content).hexdigest(), imported
 
 
-def _imported(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
+def _imports(tree: ast.Module, module: str, path: Path) -> Iterator[str]:
     """The modules that a module may import anywhere in its source, except those that only a type checker sees."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     waiting: list[ast.AST] = [tree]

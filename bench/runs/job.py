@@ -91,10 +91,8 @@ def work(task: Task, show: Progress = silent) -> Outcome:
 
 def failed_outcome(task: Task, error: str, more: Job | None = None) -> Outcome:
     """The outcome of a job that failed, with the text of its error, and `more` fields of its record."""
-    record: Job = {**task.base, "status": "failed", "error": error}
-    if more:
-        record |= more
-    return Outcome(record)
+    failure: Job = {"status": "failed", "error": error}
+    return Outcome(task.base | failure | (more or Job()))
 
 
 def error_with_origin(task: Task, error: str) -> str:
@@ -180,18 +178,15 @@ class Attempt:
 
     def run(self) -> Outcome:
         """Encode, decode and score, or find that this is done. `MissingDataError` if data are missing."""
-        earlier = self.task.earlier
-        if earlier is None:
-            earlier = Job()
         try:
-            return self._outcome(earlier)
+            return self._outcome(self.task.earlier or Job())
         except (MissingDataError, KeyboardInterrupt):  # neither says that the job would fail again
             raise
         except BaseException as error:  # errors, even `sys.exit`, are recorded and shown, and decide the exit code
             _raise_where_no_job_can_help(error)
-            return self._failed(error)
+            return self._outcome_of_error(error)
 
-    def _failed(self, error: BaseException) -> Outcome:
+    def _outcome_of_error(self, error: BaseException) -> Outcome:
         """The record of a job that an error ended."""
         more: Job = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
         more["fit_key"] = {}  # never matches, so that the next run tries again
@@ -255,10 +250,9 @@ class Attempt:
     def _file_and_facts(self) -> tuple[container.Header, Job]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""
         path = self.task.folder / self.file
-        if not self.task.fresh and path.exists():
-            header_and_facts = self._reusable_file(path)
-            if header_and_facts is not None:
-                return header_and_facts
+        reusable = None if self.task.fresh or not path.exists() else self._reusable_file(path)
+        if reusable is not None:
+            return reusable
         header, facts = self._fit(path)
         # The facts come after the file, and a file without its facts is never reused.
         self.store(str(Path(self.file).with_suffix(FACTS)), dict(facts))

@@ -88,7 +88,7 @@ def encode(
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
     require_present(device, "device")
-    instance = _codec_instance(codec, settings)
+    instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
     scene_demand = _load_demand_if_given(demand)
     if scene_demand is not None and not instance.scene:
         raise InputError("encode: a demand is for a fit to its scene: give scene=True, too, or leave out demand")
@@ -128,11 +128,8 @@ def run(
     material or the folder cannot be used.
     """
     require_present(device, "device")
-    if isinstance(suite, Mapping):
-        given = parse_suite("script", _as_toml(suite))
-    else:
-        given = load_suite(str(suite))
-    chosen = with_changes(given, list(materials), list(codecs), changes={})
+    whole = parse_suite("script", _as_toml(suite)) if isinstance(suite, Mapping) else load_suite(str(suite))
+    chosen = with_changes(whole, list(materials), list(codecs), changes={})
     require_materials(chosen, "materials")
     workers = None if jobs == 1 else partial(executors.processes, jobs, chosen.threads, device)
     for _ in runner.run(chosen, runner.Options(Path(out), device, show=show, workers=workers)):
@@ -153,7 +150,7 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml_value, value))}]"
     if isinstance(value, os.PathLike):
-        value = os.fspath(value)
+        return _toml_value(os.fspath(value))
     if not isinstance(value, str | bool | int | float):
         fault = f"a suite holds numbers, texts, lists and dictionaries, not {_wrong_type(value)}"
         raise InputError(f"bench.run: {fault}: name a material of yours by its path")
@@ -161,18 +158,9 @@ def _toml_value(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _codec_instance(codec: str | Codec, settings: dict[str, Any]) -> Codec:
-    """A codec as it is or, for a name, the codec of that name with some settings."""
-    if isinstance(codec, Codec):
-        return codec
-    return make_codec(codec, settings)
-
-
 def _load_demand_if_given(file: str | Path | None) -> Demand | None:
     """The demand that a file holds; None without a file."""
-    if not file:
-        return None
-    return load_demand(Path(file))
+    return load_demand(Path(file)) if file else None
 
 
 @dataclass(frozen=True)
@@ -189,27 +177,28 @@ class SceneGoal:
 class SceneFit:
     """What a fit to a scene found: the models, and a row of named numbers of each."""
 
-    found: fitting.SearchResult
+    search: fitting.SearchResult
     rows: list[SceneModel]
     at_points: float | None  # PSNR in dB of the frames of the BTF itself, asked at points; None: no error
     filters: bool  # whether the codec has a level of detail: its answers depend on the footprint
 
     def described(self) -> str:
         """The verdict in one line, such as "The scene model takes 60% of the bytes: …"."""
-        found = self.found
-        if not found.met:
-            kind = "full" if found.scene is None else "scene"
+        search = self.search
+        if not search.met:
+            kind = "full" if search.scene is None else "scene"
             verdict = f"The target is not reached; this is the {kind} model"
-        elif found.scene is None:
-            verdict = f"This is the full model: {found.why}"
+        elif search.scene is None:
+            verdict = f"This is the full model: {search.why}"
         else:
-            share = found.scene.header.file_bytes / found.full.header.file_bytes
-            verdict = f"The scene model takes {share:.0%} of the bytes: {found.why}"
-        return f"{verdict}. {found.fits} fits to the scene took {found.seconds:.1f} s of processor time.{self._limit()}"
+            share = search.scene.header.file_bytes / search.full.header.file_bytes
+            verdict = f"The scene model takes {share:.0%} of the bytes: {search.why}"
+        effort = f"{search.fits} fits to the scene took {search.seconds:.1f} s of processor time."
+        return f"{verdict}. {effort}{self._note_on_aliasing()}"
 
-    def _limit(self) -> str:
+    def _note_on_aliasing(self) -> str:
         """A sentence where a missing level of detail limits the frames, not the bytes; else ""."""
-        frames = self.found.chosen.psnr
+        frames = self.search.chosen.psnr
         if self.filters or self.at_points is None or frames is None or frames < self.at_points - ALIASED_DB:
             return ""
         return (
@@ -238,23 +227,20 @@ def encode_for_scene(
     if not isinstance(scene, SceneGoal):
         raise InputError(f"bench.encode_for_scene: give a bench.SceneGoal(demand), not {_wrong_type(scene)}")
     require_present(device, "device")
-    instance = _codec_instance(codec, settings)
-    if isinstance(scene.demand, Demand):
-        demand = scene.demand
-    else:
-        demand = load_demand(Path(scene.demand))
+    instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
+    demand = scene.demand if isinstance(scene.demand, Demand) else load_demand(Path(scene.demand))
     wanted = fitting.Goal(scene.psnr, scene.flip)
     container.refuse_other_file(Path(out))
-    btf = btf.without_low_light()
+    lit = btf.without_low_light()
     network = shared.find_for(instance)
-    shared.refuse_training_material(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
-    scorer = FrameScorer(table_of(btf), demand, show)
+    shared.refuse_training_material(network, lit)  # `new_fit` refuses it, too, but only after the frames are rendered
+    scorer = FrameScorer(table_of(lit), demand, show)
     # The search calls this for each of its fits.
-    fit = partial(new_fit, instance, btf, seed, network, device=device, threads=threads, show=show)
-    training = btf.split().train  # indices of pairs
-    held_out = btf.subset(np.setdiff1d(np.arange(len(btf)), training))
+    fit = partial(new_fit, instance, lit, seed, network, device=device, threads=threads, show=show)
+    training = lit.split().train  # indices of pairs
+    held_out = lit.subset(np.setdiff1d(np.arange(len(lit)), training))
     with tempfile.TemporaryDirectory() as folder, torch_threads(threads):
-        search = fitting.Search(instance, btf.subset(training), scorer, fit, Path(folder), scene.uniform)
+        search = fitting.Search(instance, lit.subset(training), scorer, fit, Path(folder), scene.uniform)
         # Without figures of its own, the goal is relative to the full model, which the search fits first.
         result = search.run(None if wanted == fitting.Goal() else wanted)
         rows = fitting.rows(result, scorer, threads, held_out)
@@ -298,7 +284,7 @@ def score(
         figures: Job = {"codec": loaded.header.codec, "score_key": score_key(workbench, loaded.header)}
         figures |= evaluate(workbench, loaded, threads, _store_nothing, show)
     else:
-        name, material = _material(decoded, btf)
+        name, material = _name_and_material(decoded, btf)
         if demand and isinstance(material, SlicesMaterial):
             raise InputError(f"{name}: slices cannot be scored in a scene, which needs more pairs: leave out demand")
         figures = {"codec": name, "settings": {}, "bytes": cast(Bytes, {}), "score_key": conditions(workbench)}
@@ -319,16 +305,13 @@ def _wrong_type(value: object) -> str:
     return f"an object of type {type(value).__name__}"
 
 
-def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Material]:
+def _name_and_material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Material]:
     """The name and the material of what has no codec file: a material, or slices as a BTF or in a folder."""
     if isinstance(decoded, Material):
         name = type(decoded).__name__
         require_same_size(name, decoded.size, btf)
         return name, decoded
-    if isinstance(decoded, BTF):
-        slices = decoded
-    else:
-        slices = open_btf(decoded)
+    slices = decoded if isinstance(decoded, BTF) else open_btf(decoded)
     require_same_size(slices.name, slices.shape, btf)
     return slices.name, SlicesMaterial(slices, btf)
 
@@ -357,6 +340,6 @@ def pretrain(
         raise InputError(f"a network needs at least one training material, not {materials}")
     numbers = fit.progress([*range(materials), *UNSEEN], "rendering materials to train on")
     btfs = [load_variation(number) for number in numbers]  # those to train on, then the unseen ones
-    fit = dataclasses.replace(fit, unseen=btfs[materials:])
     with torch_threads(fit.threads):
-        return shared.make(network, [*btfs[:materials], *added], fit, path)
+        fit_with_curve = dataclasses.replace(fit, unseen=btfs[materials:])
+        return shared.make(network, [*btfs[:materials], *added], fit_with_curve, path)

@@ -136,7 +136,7 @@ def _refuse_if_alive(folder: Path, kept_by_kernel: bool) -> None:
         alive = now - renewed < STALE_AFTER
     if alive:
         raise InputError(_busy_message(folder, holder))
-    log.warning("%s: the lock of %s is taken over, because its process is gone", folder, _in_words(holder))
+    log.warning("%s: the lock of %s is taken over, because its process is gone", folder, _holder_in_words(holder))
 
 
 def _holder(path: Path) -> dict[str, Any]:
@@ -159,7 +159,7 @@ def _process_runs(process: int) -> bool:
     return True
 
 
-def _in_words(holder: dict[str, Any]) -> str:
+def _holder_in_words(holder: dict[str, Any]) -> str:
     """Which process holds a lock, for messages."""
     return f"process {holder['process']} on {holder['host']}, since {holder.get('since')}"
 
@@ -168,5 +168,5 @@ def _busy_message(folder: Path, holder: dict[str, Any]) -> str:
     """The message that a run still uses the folder, and which process it is, if known."""
     who = "another process"
     if holder:
-        who = _in_words(holder)
+        who = _holder_in_words(holder)
     return f"{folder}: another run uses this folder ({who}): wait for its end, stop it, or choose another --out"

@@ -13,6 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from bench import records, timing
 from bench.codec import REMARK, Codec, Progress, silent
@@ -39,7 +40,7 @@ from bench.runs.workbench import demand_of
 
 log = logging.getLogger(__name__)
 
-ONE_TEXEL = " at one texel"  # suffix of the name of a material that answers by one texel: see `with_one_texel`
+
 MOST_LOSSES = 3  # worker processes that a job may lose
 
 
@@ -180,9 +181,9 @@ class _Session:
             fresh=options.fresh,
             network=self.networks.get(codec.codec, ""),
         )
-        return dataclasses.replace(task, earlier=self._earlier(task.name))
+        return dataclasses.replace(task, earlier=self._record_that_may_hold(task.name))
 
-    def _earlier(self, name: str) -> Job | None:
+    def _record_that_may_hold(self, name: str) -> Job | None:
         """The latest record of a job, if it may still hold; None if the job is to be done again in any case."""
         options = self.options
         record = self.before.job(name)
@@ -240,25 +241,25 @@ class _Session:
         yield from _with_restarts(runnable, self.workers, partial(work, show=show))
 
     def time(self) -> None:
-        """Time the decoders of each material in turns, and write the records.
-
-        Of a codec's seeds the first with a file is timed, since the time does not depend on the seed.
-        """
+        """Time the decoders of each material in turns, and write the records."""
         if not present(self.options.device):
             remedy = "run the same command on a machine with a GPU"
             log.warning("no decoder is timed, because there is no GPU here: %s", remedy)
             return
         for material in self.suite.materials:
-            jobs: dict[str, Job] = {}  # by label
-            for task in self.tasks:
-                if task.material.name == material.name and task.name in self.done:
-                    jobs.setdefault(task.codec.label, self.done[task.name])
-            if not jobs:
-                continue
+            jobs = self._jobs_to_time(material)
             show = partial(self._show_timing, material.name)
-            timed = list(jobs.values())
-            for record in timings(self.options.folder, timed, self.options.device, self.suite.threads, show):
+            for record in timings(self.options.folder, jobs, self.options.device, self.suite.threads, show):
                 records.append(self.options.folder, record | {"run": self.run_id})
+
+    def _jobs_to_time(self, material: MaterialSpec) -> list[Job]:
+        """The jobs on a material whose decoders are timed: for each codec with its settings the first seed that has a
+        file, since the time does not depend on the seed."""
+        jobs: dict[str, Job] = {}  # by label
+        for task in self.tasks:
+            if task.material.name == material.name and task.name in self.done:
+                jobs.setdefault(task.codec.label, self.done[task.name])
+        return list(jobs.values())
 
     def _show_timing(self, material: str, label: str, done: int, total: int) -> None:
         """Show the progress of timing, with the name of the material before the label."""
@@ -293,14 +294,14 @@ def _with_restarts(tasks: list[Task], workers: Workers, call: Callable[[Task], O
                     log.warning("%s: its worker died; the job is started again", task.name)
                     waiting.appendleft(dataclasses.replace(task, losses=task.losses + 1))
                 else:
-                    yield _outcome(task, future)
+                    yield _outcome_of_future(task, future)
                 del future  # while it is held, a cluster recomputes a lost result, although it was already received
     finally:  # also where the caller stops early: jobs that have not begun do not run
         for future in running:
             future.cancel()
 
 
-def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
+def _outcome_of_future(task: Task, future: Future[Outcome]) -> Outcome:
     """The answer of a worker; a failed outcome if the worker died. `InputError` if the run cannot continue."""
     try:
         return future.result()
@@ -333,14 +334,24 @@ def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Prog
     return timings_here(folder, ours, device, threads, show)
 
 
-def with_one_texel(materials: dict[str, Material]) -> dict[str, Material]:
-    """Materials by name, then the same ones that can answer a query by one texel, by their names with `ONE_TEXEL`."""
+class DecoderTimes(NamedTuple):
+    """The times of a decoder: of queries anywhere, and of those that one texel answers, where it can answer so."""
+
+    anywhere: timing.Timing
+    at_one_texel: timing.Timing | None
+
+
+def time_decoders(
+    materials: dict[str, Material], threads: int, show: Progress, turns: int = 0
+) -> dict[str, DecoderTimes]:
+    """The times of materials by name, all in turns with each other and the floor; `turns` as in `time_materials`."""
     contestants = dict(materials)
     for name, material in materials.items():
         at_one_texel = material.at_one_texel()
         if at_one_texel is not None:
-            contestants[name + ONE_TEXEL] = at_one_texel
-    return contestants
+            contestants[f"{name} at one texel"] = at_one_texel
+    measured = timing.time_materials(contestants, threads, show=show, turns=turns)
+    return {name: DecoderTimes(measured[name], measured.get(f"{name} at one texel")) for name in materials}
 
 
 def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
@@ -356,15 +367,12 @@ def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show:
             materials[job["job"]] = material
     if not materials:
         return []
-    timing_of = timing.time_materials(with_one_texel(materials), threads, show=show)
-    timed = []
-    for name in materials:
-        record: Timing = {"kind": "timing", "job": name}
-        record |= timing.conditions(threads, device)
-        record |= timing_of[name].summary()
-        if name + ONE_TEXEL in timing_of:
-            record["ratio_at_one_texel"] = timing_of[name + ONE_TEXEL].summary()["ratio_to_floor"]
-        record["samples_ns"] = timing_of[name].samples.tolist()
-        record["floor_ratios"] = timing_of[name].ratios.tolist()
-        timed.append(record)
-    return timed
+    rows = []
+    for name, (anywhere, at_one_texel) in time_decoders(materials, threads, show).items():
+        row: Timing = {"kind": "timing", "job": name}
+        row |= timing.conditions(threads, device) | anywhere.summary()
+        if at_one_texel is not None:
+            row["ratio_at_one_texel"] = at_one_texel.summary()["ratio_to_floor"]
+        row |= {"samples_ns": anywhere.samples.tolist(), "floor_ratios": anywhere.ratios.tolist()}
+        rows.append(row)
+    return rows

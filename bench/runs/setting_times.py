@@ -13,6 +13,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,13 +31,13 @@ from bench.material import Material
 from bench.records.schema import setting_name
 from bench.runs import library, lock
 from bench.runs.provenance import new_run, start_of
-from bench.runs.runner import ONE_TEXEL, with_one_texel
+from bench.runs.runner import time_decoders
 from bench.runs.suite import CodecSpec, Suite, canonical
 
 log = logging.getLogger(__name__)
 
 SURFACES = 2  # of the suite; the built-in ones first, which need no download
-ROUNDS = 2  # the same contestants again, after everything else: what a machine does for minutes disturbs one of them
+ROUNDS = 2  # so that what disturbs the machine for minutes disturbs one round alone
 TURNS = 20  # of a contestant in a round
 
 
@@ -71,11 +72,17 @@ class Entry:
         return row
 
 
-Contestants = dict[tuple[str, str], Material]  # by surface and label of a setting: what its file decodes to
+class Contestant(NamedTuple):
+    """A setting on a surface, and what its file decodes to."""
+
+    surface: str
+    spec: CodecSpec
+    material: Material
 
 
 def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progress = silent) -> list[records.Timing]:
-    """Time the settings of a suite, and write their records into a folder; returns them, the quickest first.
+    """Time the settings of a suite on its first surfaces, and write their records into a folder; returns them, the
+    quickest first.
 
     Files of one step lie in the folder, and are made only once. Raises `InputError` if nothing can be timed. Codecs
     that cannot be fitted here are left out, with a warning.
@@ -84,29 +91,23 @@ def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progres
     run = new_run()
     entries: dict[tuple[str, int], Entry] = {}
     with lock.locked(folder, run):
-        materials = contestants(suite, folder, device, show)
+        contestants = list(decoded_settings(suite, surfaces_of(suite), folder, device, show))
+        if not contestants:
+            raise InputError(f"suite {suite.name}: none of its settings could be fitted, so none is timed")
         for _ in range(ROUNDS):
-            _round(materials, entries, suite.threads, show)
+            _add_round(contestants, entries, suite.threads, show)
         records.append(folder, start_of(suite, run, device, jobs=[]))
         conditions = timing.conditions(suite.threads, device)
-        found = [entry.record(run) | conditions for entry in entries.values()]
-        for record in found:
-            records.append(folder, record)
-    return sorted(found, key=lambda record: float(record["ratio_to_floor"]))
-
-
-def contestants(suite: Suite, folder: Path, device: str, show: Progress) -> Contestants:
-    """Each setting on each surface, decoded from a file of one step in a folder. `InputError` if there is none."""
-    found = dict(decoded_settings(suite, surfaces_of(suite), folder, device, show))
-    if not found:
-        raise InputError(f"suite {suite.name}: none of its settings could be fitted, so none is timed")
-    return found
+        rows = [entry.record(run) | conditions for entry in entries.values()]
+        for row in rows:
+            records.append(folder, row)
+    return sorted(rows, key=lambda row: float(row["ratio_to_floor"]))
 
 
 def decoded_settings(
     suite: Suite, surfaces: Sequence[MaterialSpec], folder: Path, device: str, show: Progress
-) -> Iterator[tuple[tuple[str, str], Material]]:
-    """By surface and label, what the file of each setting decodes to, one by one and on some surfaces.
+) -> Iterator[Contestant]:
+    """What the file of each setting of a suite decodes to on some surfaces, one by one.
 
     Fits and writes the files that are missing in `folder`. What cannot be fitted here is left out, with a warning. Also
     left out, without one, are codecs whose answers come from another program: their time cannot be measured.
@@ -129,7 +130,7 @@ def decoded_settings(
                     break  # the surface is not there: no other setting can be fitted to it
                 continue
             if not material.opaque:  # no other program answers
-                yield (surface.name, spec.label), material
+                yield Contestant(surface.name, spec, material)
 
 
 def _file_name(suite: Suite, surface: MaterialSpec, codec: Codec) -> str:
@@ -156,19 +157,17 @@ def one_step_codec(spec: CodecSpec) -> Codec:
     return make_codec(spec.codec, spec.settings | {"steps": 1})
 
 
-def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], threads: int, show: Progress) -> None:
+def _add_round(
+    contestants: list[Contestant], entries: dict[tuple[str, int], Entry], threads: int, show: Progress
+) -> None:
     """Time all contestants in turns, and add what was measured to their entries, which are by label and operations."""
-    named = {f"{surface}/{label}": material for (surface, label), material in materials.items()}
-    timing_of = timing.time_materials(with_one_texel(named), threads, show=show, turns=TURNS)
-    for (surface, label), material in materials.items():
+    named = {f"{surface}/{spec.label}": material for surface, spec, material in contestants}
+    all_times = time_decoders(named, threads, show, TURNS).values()
+    for (_, spec, material), (anywhere, at_one_texel) in zip(contestants, all_times, strict=True):
         flops = material.cost.flops_per_sample
-        entry = entries.setdefault((label, flops), Entry(label, flops))
-        name = f"{surface}/{label}"
-        anywhere = timing_of[name]
-        at_one_texel = timing_of.get(name + ONE_TEXEL)  # None unless the codec answers at texels
-        if at_one_texel is None:
-            where_scored = anywhere
-        else:
+        entry = entries.setdefault((spec.label, flops), Entry(spec.label, flops))
+        where_scored = anywhere
+        if at_one_texel is not None:
             where_scored = at_one_texel
             entry.between.append(anywhere.ratios)
         entry.ratios.append(where_scored.ratios)

@@ -48,7 +48,7 @@ log = logging.getLogger(__name__)
 TURNS = 10  # of a variant
 CHECKED = 4_096  # random samples whose answers are compared with float64's
 BATCHES = tuple(1 << power for power in range(14, 23, 2))
-LARGEST_ON_CPU = 1 << 18  # of them: larger ones take minutes there, and no longer a sample
+LARGEST_ON_CPU = 1 << 18  # queries: a larger batch takes minutes on a CPU, and no longer a sample
 SWEPT = 6  # settings that are timed in each of `BATCHES`, one a codec
 # Files in the folder: the variant that is being tried, and those that ended a process.
 TRIED = "tried.txt"
@@ -83,8 +83,8 @@ def time_variants(suite: Suite, folder: Path, device: str, minutes: float, show:
     run = new_run()
     with lock.locked(folder, run), ended_bars(show) as show_in_bars:
         measuring = _Measuring(canonical(suite), folder, torch.device(device), run, Clock(minutes), show_in_bars)
-        measuring.everything()
-    return measuring.found
+        measuring.measure_all()
+    return measuring.rows
 
 
 class _Measuring:
@@ -98,23 +98,22 @@ class _Measuring:
         self.run = run
         self.clock = clock
         self.show = show
-        self.found: list[Timing] = []
+        self.rows: list[Timing] = []  # that this process recorded
         earlier = records.run_so_far(folder)
         gpu = timing.hardware(device).get("gpu")  # its name; None on a CPU
         on_device = [row for row in earlier.timings if row.get("device") == str(device) and row.get("gpu") == gpu]
-        timed_before = {row["job"] for row in on_device}
         # Names of what an earlier process has timed on this device, and of what cannot be timed.
-        self.done = timed_before | self.given_up()
+        self.done = {row["job"] for row in on_device} | self.give_up_tried()
         native_precisions = [precision for precision in DTYPES if _is_native(precision, device)]
         self.ceilings = [ceiling(device, suite.threads, precision) for precision in native_precisions]
         start: RunStart = {**start_of(suite, run, str(device), jobs=[]), "ceilings": self.ceilings}
         records.append(folder, start)
 
-    def everything(self) -> None:
-        """One setting of each codec, steps of fits, batches of other sizes, then all other settings.
+    def measure_all(self) -> None:
+        """Time one setting of each codec, then steps of fits, batches of other sizes, and all other settings.
 
-        Other batches are timed of the first `SWEPT` of these settings that have a network: what a small batch costs
-        more is the launches of its layers.
+        Batches of other sizes are those of networks alone, of the first `SWEPT` settings that have one: a small batch
+        costs more because of the launches of its layers.
         """
         usual = timing.batch_on(self.device)  # queries
         # Of one codec the last setting replaces the others: suites list the largest last.
@@ -125,7 +124,7 @@ class _Measuring:
             self.time(spec.label, material, usual)
             if networks(material) and len(swept) < SWEPT:
                 swept.append(spec)
-        self.record(_fits(self.suite, str(self.device), self.clock, self.done, self.show))
+        self.record(_timings_of_steps(self.suite, str(self.device), self.clock, self.done, self.show))
         batches = [batch for batch in BATCHES if is_gpu(self.device) or batch <= LARGEST_ON_CPU]
         for spec, material in self.settings(tuple(swept)):
             for batch in batches:
@@ -135,58 +134,48 @@ class _Measuring:
 
     def settings(self, specs: tuple[CodecSpec, ...]) -> Iterator[tuple[CodecSpec, Material]]:
         """Each setting with its material, decoded from a file of one step, while there is time."""
-        by_label = {spec.label: spec for spec in specs}
-        surface = surfaces_of(self.suite)[:1]
-        files = decoded_settings(replace(self.suite, codecs=specs), surface, self.folder, str(self.device), self.show)
+        suite = replace(self.suite, codecs=specs)
+        decoded = decoded_settings(suite, surfaces_of(suite)[:1], self.folder, str(self.device), self.show)
         while not self.clock.over:
-            next_file = next(files, None)
-            if next_file is None:
+            contestant = next(decoded, None)
+            if contestant is None:
                 return
-            (_, label), material = next_file
-            yield by_label[label], material
+            yield contestant.spec, contestant.material
 
     def time(self, label: str, material: Material, batch: int) -> None:
         """Time a setting in each variant that is not done, each in turns with the others, and write the records.
 
         `batch` counts the queries of a call.
         """
-        setting = setting_name(label, material.cost.flops_per_sample)
-        missing = {}
-        for variant in _possible(material):
-            name = f"{setting}/{variant}/{batch}"
-            if name not in self.done:
-                missing[name] = variant
+        flops = material.cost.flops_per_sample
+        names = {f"{setting_name(label, flops)}/{variant}/{batch}": variant for variant in _possible_variants(material)}
+        missing = {name: variant for name, variant in names.items() if name not in self.done}
         queries = random_queries(batch, material.size, self.device)
-        timed = self.compared(label, material, missing, queries)
-        if not timed:
+        ready = self.ready_variants(label, material, missing, queries)
+        if not ready:
             return
-        materials = {name: compared.ready for name, compared in timed.items()}
+        materials = {name: each.material for name, each in ready.items()}
         measured = timing.time_materials(materials, self.suite.threads, batch, turns=TURNS)
         rows = []
-        for name, compared in timed.items():
-            row: Timing = {"kind": "timing", "job": name, "label": label, "flops": material.cost.flops_per_sample}
+        for name, (prepared_material, of_tolerance) in ready.items():
+            execution, precision = missing[name].execution, missing[name].precision
+            row: Timing = {"kind": "timing", "job": name, "label": label, "flops": flops}
             row |= timing.conditions(self.suite.threads, str(self.device))
-            row |= {"batch": batch, **self.of_variant(compared), **measured[name].summary()}
-            row |= _drawn_from_gpu(compared.ready, queries, compared.variant.precision)
+            row |= {"batch": batch, "execution": execution, "dtype": precision, "of_tolerance": of_tolerance}
+            row |= {"limit_ns": least_ns(prepared_material, precision, self.ceilings), **measured[name].summary()}
+            row |= _gpu_figures(prepared_material, queries, precision)
             rows.append(row)
         self.record(rows)
 
-    def of_variant(self, compared: "_Compared") -> Timing:
-        """The fields of a timing that depend on its variant, and on nothing that is timed."""
-        precision = compared.variant.precision
-        return {
-            "execution": compared.variant.execution,
-            "dtype": precision,
-            "of_tolerance": compared.of_tolerance,
-            "limit_ns": least_ns(compared.ready, precision, self.ceilings),
-        }
-
-    def compared(
+    def ready_variants(
         self, label: str, material: Material, missing: dict[str, Variant], queries: tuple[Tensor, ...]
-    ) -> dict[str, "_Compared"]:
-        """Each variant by name, prepared, compared with float64's answers and asked once, while there is time."""
+    ) -> dict[str, "_Ready"]:
+        """Each missing variant by name, prepared and compared with float64's answers, while there is time.
+
+        A variant that fails at this, or at the queries that are to be timed, is left out, with a warning.
+        """
         exact = copy.deepcopy(material).to(dtype=torch.float64)
-        compared = {}
+        ready = {}
         for name, variant in followed(self.show, missing.items(), f"{label}: executions and precisions", len(missing)):
             if self.clock.over:
                 break
@@ -194,75 +183,70 @@ class _Measuring:
             tried = self.folder / TRIED
             atomic.write(tried, name.encode())
             try:
-                ready = prepared(material, variant)
-                compared[name] = _Compared(variant, ready, difference_from_exact(ready, exact, variant.precision))
-                ready.query(*queries)
+                prepared_material = prepared(material, variant)
+                of_tolerance = difference_from_exact(prepared_material, exact, variant.precision)
+                prepared_material.query(*queries)
                 wait_for_gpu(self.device)
+                ready[name] = _Ready(prepared_material, of_tolerance)
             except Exception as error:  # an error in one variant must not lose the times of the others
                 log.warning("%s, %s: not timed: %s", label, variant, " ".join(str(error).split())[:300])
                 wait_for_gpu(self.device)  # after a fault of a GPU everything fails: the next process goes on
-                compared.pop(name, None)
             except KeyboardInterrupt:
                 tried.unlink()
                 raise
             tried.unlink()
-        return compared
+        return ready
 
-    def given_up(self) -> set[str]:
-        """The variants that ended earlier processes, as a fault of a GPU does: none is tried again."""
+    def give_up_tried(self) -> set[str]:
+        """Give up the variant that ended an earlier process, as a fault of a GPU does; returns all that were given up:
+        none is tried again."""
         tried = self.folder / TRIED
-        list_of_them = self.folder / GIVEN_UP
-        names = []
-        if list_of_them.exists():
-            names = list_of_them.read_text(encoding="utf-8").splitlines()
+        given_up = self.folder / GIVEN_UP
+        names = given_up.read_text(encoding="utf-8").splitlines() if given_up.exists() else []
         if tried.exists():  # a process that goes on removes it after each variant
             names.append(tried.read_text(encoding="utf-8"))
-            atomic.write(list_of_them, "".join(f"{name}\n" for name in names).encode())
+            atomic.write(given_up, "".join(f"{name}\n" for name in names).encode())
             tried.unlink()
         for name in names:
-            log.warning("%s: not timed: it ended an earlier process; remove %s to try it again", name, list_of_them)
+            log.warning("%s: not timed: it ended an earlier process; remove %s to try it again", name, given_up)
         return set(names)
 
     def record(self, rows: Iterable[Timing]) -> None:
-        """Write records, each as it comes, and note them as found and done."""
+        """Write records, each as it comes, and note them as done."""
         for row in rows:
             row_of_run: Timing = {**row, "run": self.run}
             records.append(self.folder, row_of_run)
-            self.found.append(row)
+            self.rows.append(row)
             self.done.add(row["job"])
 
 
-def _drawn_from_gpu(ready: Material, batch: tuple[Tensor, ...], precision: str) -> Timing:
-    """What a query of a batch takes of a GPU besides time: the bytes that a sample reads, the most memory that is held,
-    and the power; without what nobody tells."""
-    found: Timing = {}
+def _gpu_figures(ready: Material, batch: tuple[Tensor, ...], precision: str) -> Timing:
+    """What the query of a batch takes of a GPU besides time: the bytes that a sample reads; the most memory that is
+    held and the power in watts, where the GPU tells them. Empty on a CPU."""
     if not is_gpu(ready.device):
-        return found
-    found["read_bytes"] = read_bytes(ready.cost, precision)
+        return {}
+    figures: Timing = {"read_bytes": read_bytes(ready.cost, precision)}
     call = partial(ready.query, *batch)
     if forget_peak(ready.device):
         call()
         held = peak_bytes(ready.device)
         if held is not None:
-            found["memory"] = held
-    drawn = watts(ready.device, call)
-    if drawn is not None:
-        found["watts"] = drawn
-    return found
+            figures["memory"] = held
+    power = watts(ready.device, call)
+    if power is not None:
+        figures["watts"] = power
+    return figures
 
 
-class _Compared(NamedTuple):
-    """A variant, the material that was prepared for it, and its largest difference from float64's answers.
+class _Ready(NamedTuple):
+    """A material that was prepared for a variant, and its largest difference from float64's answers, as a multiple of
+    the largest that the precision may have."""
 
-    The difference is a multiple of the largest that the precision may have.
-    """
-
-    variant: Variant
-    ready: Material
+    material: Material
     of_tolerance: float
 
 
-def _possible(material: Material) -> list[Variant]:
+def _possible_variants(material: Material) -> list[Variant]:
     """The variants that the material's device has and computes in natively. Of a material without a network, only those
     of eager execution, and those that change a whole material instead of its networks."""
     possible = []
@@ -320,8 +304,11 @@ def ceiling(device: torch.device, threads: int, precision: str) -> Ceiling:
     return measured
 
 
-def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progress) -> Iterator[Timing]:
-    """The seconds of a step of each codec that is fitted in steps, of its largest setting, while there is time."""
+def _timings_of_steps(suite: Suite, device: str, clock: Clock, done: set[str], show: Progress) -> Iterator[Timing]:
+    """The time of a step of each codec that is fitted in steps, at its largest setting, while there is time.
+
+    `done` are the names of those that an earlier process has timed.
+    """
     specs = _largest_in_steps(suite)
     surface = surfaces_of(suite)[0]
     btf = open_material(surface, suite.data, show, path_tracer=load_path_tracer)
@@ -330,7 +317,7 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
         name = f"fit/{spec.label}/{device}"
         if clock.over:
             return
-        if name in done:  # an earlier process has timed it
+        if name in done:
             continue
         try:
             one_step = _seconds_of_fit(spec, steps=1, train=train, device=device, threads=suite.threads)
@@ -362,20 +349,10 @@ def _largest_in_steps(suite: Suite) -> list[CodecSpec]:
 
 def _timing_of_step(name: str, label: str, step_ns: float, threads: int, device: str) -> Timing:
     """The record of the time of a fit's step, in the form of a time of a query."""
-    row: Timing = {
-        "kind": "timing",
-        "job": name,
-        "label": label,
-        "execution": "fit step",
-        "dtype": "float32",
-        "batch": 1,
-        "threads": threads,
-        "device": device,
-        "queries": "one step",
-        "ns_per_sample": step_ns,
-        "interval95_ns": [step_ns, step_ns],  # one measurement has no interval
-    }
-    return row | timing.hardware(device)
+    row: Timing = {"kind": "timing", "job": name, "label": label}
+    row |= timing.conditions(threads, device)
+    row |= {"batch": 1, "execution": "fit step", "queries": "one step"}
+    return row | {"ns_per_sample": step_ns, "interval95_ns": [step_ns, step_ns]}  # one measurement has no interval
 
 
 def _seconds_of_fit(spec: CodecSpec, steps: int, train: BTF, device: str, threads: int) -> float:

@@ -73,15 +73,11 @@ class CodecSpec:
 
 def _label(codec: str, settings: dict[str, Any]) -> str:
     """The name of a codec with settings, sorted by name: `pca bits=8 components=4`."""
-    if codec == COMMAND:  # the user names it: command lines are no useful name
-        codec = settings.get("called", codec)
-        settings = {key: value for key, value in settings.items() if key not in UNLABELLED}
-    words = [codec]
-    for key in sorted(settings):
-        value = settings[key]
-        written = str(value)
-        if isinstance(value, bool):
-            written = written.lower()  # as TOML and the command line write it
+    words = [settings.get("called", codec) if codec == COMMAND else codec]
+    for key, value in sorted(settings.items()):
+        if codec == COMMAND and key in UNLABELLED:  # the user names it: command lines are no useful name
+            continue
+        written = str(value).lower() if isinstance(value, bool) else value  # as TOML and the command line write it
         words.append(f"{key}={written}")
     return " ".join(words)
 
@@ -180,25 +176,24 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
 
     All is checked before anything is opened. `InputError` names the wrong key.
     """
-    if not file:
-        file = f"suite {name}"
-    entries = parse_toml(file, text)
+    where = file or f"suite {name}"
+    entries = parse_toml(where, text)
     # Materials and codecs have forms of their own; all other keys are fields of `Suite`, and converted by their types.
     materials = entries.pop("materials", [])
     codecs = entries.pop("codecs", [])
     for key, value in (("materials", materials), ("codecs", codecs)):
         if not isinstance(value, list):
-            raise InputError(f"{file}: {key} must be a list, not {shown(value)}")
+            raise InputError(f"{where}: {key} must be a list, not {shown(value)}")
     suite = Suite(
         name,
         text,
-        materials=tuple(_material(f"{file}: materials", entry) for entry in materials),
-        codecs=tuple(_codec_specs(f"{file}: codecs", codecs)),
-        **fields(file, Suite, entries, without=("name", "text")),
+        materials=tuple(_material_spec(f"{where}: materials", entry) for entry in materials),
+        codecs=tuple(_codec_specs(f"{where}: codecs", codecs)),
+        **fields(where, Suite, entries, without=("name", "text")),
     )
-    _check_names(file, suite)
-    _check_jobs(file, _count_jobs(suite))
-    return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
+    _check_names(where, suite)
+    _check_jobs(where, _count_jobs(suite))
+    return dataclasses.replace(suite, metrics=_metric_names(f"{where}: metrics", suite.metrics))
 
 
 def _check_names(file: str, suite: Suite) -> None:
@@ -246,10 +241,10 @@ def _check_jobs(file: str, jobs: int) -> None:
 
 def with_metrics(suite: Suite, names: list[str]) -> Suite:
     """The suite with more metrics than its own."""
-    return dataclasses.replace(suite, metrics=_metrics("--metric", [*suite.metrics, *names]))
+    return dataclasses.replace(suite, metrics=_metric_names("--metric", [*suite.metrics, *names]))
 
 
-def _metrics(key: str, names: Iterable[str]) -> tuple[str, ...]:
+def _metric_names(key: str, names: Iterable[str]) -> tuple[str, ...]:
     """The names of metrics without duplicates. `InputError`, which begins with `key`, if one names no metric."""
     try:
         refuse_taken_names()
@@ -360,10 +355,7 @@ def _absolute_path(spec: MaterialSpec) -> str:
     """The absolute path of a material's file or folder; the name of a built-in one."""
     if not spec.path:
         return spec.name
-    existing = spec.existing_path()  # None if the path is neither as written nor under `$NEUBTF_DATA`
-    if existing is None:
-        return os.path.abspath(spec.path)
-    return os.path.abspath(existing)
+    return os.path.abspath(spec.existing_path() or spec.path)  # one that is neither as written nor under `$NEUBTF_DATA`
 
 
 def canonical(suite: Suite) -> Suite:
@@ -393,7 +385,7 @@ def _merged(specs: Sequence[CodecSpec]) -> tuple[CodecSpec, ...]:
         if spec.seeds != first.seeds:
             raise InputError(f"codecs: {spec.label!r} appears twice, with other seeds: give both the same ones")
         if first.materials and spec.materials:
-            materials = tuple(dict.fromkeys(first.materials + spec.materials))  # of both, each once
+            materials = tuple(dict.fromkeys(first.materials + spec.materials))  # those of both, each once
         else:
             materials = ()  # one of the two is for all materials, so both together are
         unique[spec.label] = dataclasses.replace(first, materials=materials)
@@ -432,15 +424,10 @@ def _refuse_ignored(suite: Suite, key: str) -> None:
 def _with_change(suite: Suite, key: str, value: str) -> Suite:
     """The suite with one setting of its codecs changed, KEY or CODEC.KEY. `InputError` if it changes nothing."""
     scope, _, name = key.rpartition(".")  # the scope is "" or a codec
-    codecs = []
-    reached = False  # whether any codec has the setting
-    for spec in suite.codecs:
-        if _has_setting(spec.codec, scope, name):
-            spec = _with_setting(spec, name, value)
-            reached = True
-        codecs.append(spec)
-    if not reached:
+    having_it = {spec.codec for spec in suite.codecs if _has_setting(spec.codec, scope, name)}
+    if not having_it:
         raise InputError(f"--set {key}: no codec of this run has a setting {name!r}{_hint(suite, scope, name)}")
+    codecs = [_with_setting(spec, name, value) if spec.codec in having_it else spec for spec in suite.codecs]
     return dataclasses.replace(suite, codecs=_merged(codecs))  # a sweep over the changed setting has become one job
 
 
@@ -453,10 +440,7 @@ def _hint(suite: Suite, scope: str, name: str) -> str:
     if scope and scope not in codecs:
         return f": it runs no codec {scope!r}{did_you_mean(scope, [*codecs, 'data'])}"
     setting_keys = {f"data.{field.name}" for field in dataclasses.fields(Preparation)}
-    meant = codecs  # without a scope, any codec may be meant
-    if scope:
-        meant = {scope}
-    for codec in meant:
+    for codec in {scope} if scope else codecs:  # without a scope, any codec may be meant
         with suppress(CodecError):  # its jobs fail with this error
             setting_keys |= setting_names(load_codec(codec))
     for written in (name, f"data.{name}"):  # the scope may be forgotten
@@ -498,14 +482,11 @@ def _with_setting(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
     from bench.codec import COMMON
 
     codec = make_codec(spec.codec, {setting: value})  # which converts the word
-    if setting in COMMON:  # the settings that every codec has are attributes of the codec
-        converted_value = getattr(codec, setting)
-    else:
-        converted_value = getattr(codec.settings, setting)
-    return dataclasses.replace(spec, settings=spec.settings | {setting: converted_value})
+    holder = codec if setting in COMMON else codec.settings  # the settings of every codec are attributes of the codec
+    return dataclasses.replace(spec, settings=spec.settings | {setting: getattr(holder, setting)})
 
 
-def _material(where: str, entry: Any) -> MaterialSpec:
+def _material_spec(where: str, entry: Any) -> MaterialSpec:
     """A material of a suite: its name alone, or a table."""
     if isinstance(entry, str):
         return named(converted(where, str, entry))

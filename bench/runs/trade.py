@@ -74,13 +74,11 @@ def run_and_measure(
     if noise:
         _path_tracer()  # and a missing Mitsuba
     states: list[str] = []
-    folder = options.folder
-    suite = canonical(suite)
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
-        run = load_run(folder)
+        run = load_run(options.folder)
         options.say(f"{states.count('ok')} of {len(states)} jobs have a file: they are scored and timed now")
         measure(suite, run, options.device, show=options.show, emulated=emulated, noise=noise)
     return states
@@ -102,17 +100,16 @@ def measure(
     with each file as material.
     """
     suite = canonical(suite)  # jobs are recorded under its names
-    measured_variants, left_out = _variants_on(suite, torch.device(device), emulated)
+    measured_variants, left_out = _variants_on_device(suite, torch.device(device), emulated)
     trade = _Trade(replace(suite, variants=tuple(measured_variants)), run, device, left_out, show)
     for spec in suite.materials:
-        with_file = []
-        for job in _jobs_of(run, suite, spec):
-            if job["status"] == "ok":
-                with_file.append(job)
-            else:
-                row = trade.row(job, Variant())
-                row["error"] = f"{job['status']}: {_on_one_line(job['error'])}"
-                trade.write(row)
+        jobs = _jobs_of(run, suite, spec)
+        with_file = [job for job in jobs if job["status"] == "ok"]
+        for job in jobs:
+            if job["status"] != "ok":
+                trade.write(
+                    trade.choice_row(job, Variant()) | {"error": f"{job['status']}: {_on_one_line(job['error'])}"}
+                )
         _measure_choices(trade, spec, with_file)
         if noise:
             for job in with_file:
@@ -129,9 +126,9 @@ class _Trade:
     left_out: list[str]  # variants that the device only emulates, and that are not measured
     show: Progress
 
-    def row(self, job: Job, variant: Variant) -> Timing:
+    def choice_row(self, job: Job, variant: Variant) -> Timing:
         """What is known of a choice before it is measured."""
-        row = self.bare_row(job["job"], job["material"], job["label"], variant)
+        row = self.row_with_conditions(job["job"], job["material"], job["label"], variant)
         row |= {"of": job["job"], "codec": job["codec"]}
         if job["status"] == "ok":
             row |= {"settings": job["settings"], "score_key": job["score_key"]}
@@ -140,7 +137,7 @@ class _Trade:
             row["emulated"] = True
         return row
 
-    def bare_row(self, of: str, material: str, label: str, variant: Variant) -> Timing:
+    def row_with_conditions(self, of: str, material: str, label: str, variant: Variant) -> Timing:
         """The name and conditions of a choice or of the floor."""
         row: Timing = {
             "kind": "timing",
@@ -153,27 +150,24 @@ class _Trade:
         row |= {"execution": variant.execution, "dtype": variant.precision}
         return row
 
-    def known(self, row: Timing) -> Timing:
-        """What was measured of a choice before, of the same file and under the same conditions; else the row itself."""
+    def measured_before(self, row: Timing) -> Timing:
+        """What was measured of a choice before, of the same file and under the same conditions; empty if nothing."""
         before = self.run.timings.latest(row["job"])
         if before is None or "error" in before:
-            return row
+            return {}
         same = ("score_key", "gpu", *CONDITIONS)
         if any(before.get(name) != row.get(name) for name in same):
-            return row
+            return {}
         return before
 
     def write(self, row: Timing) -> None:
-        """Add a timing to the run and its records."""
-        run = ""
-        if self.run.starts:
-            run = self.run.starts[-1].get("run", "")
-        of_run: Timing = {**row, "run": run}
+        """Add a timing to the run, as one of its last start, and to its records."""
+        of_run: Timing = {**row, "run": self.run.start_of({}).get("run", "")}
         records.append(self.run.folder, of_run)
         self.run.timings.put(row["job"], of_run)
 
 
-def _variants_on(suite: Suite, device: torch.device, emulated: bool) -> tuple[list[str], list[str]]:
+def _variants_on_device(suite: Suite, device: torch.device, emulated: bool) -> tuple[list[str], list[str]]:
     """The variants of a suite that are measured on a device, in words, and those that are left out because the device
     only emulates them; with `emulated` none is. Variants that it does not have are in neither list."""
     measured_variants = []
@@ -216,11 +210,6 @@ def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[Ceiling]:
     return ceilings
 
 
-def _without_sweep(suite: Suite, job: Job) -> bool:
-    """Whether a job belongs to a codec entry without a sweep; such a job represents its codec."""
-    return any(spec.label == job["label"] and not spec.swept for spec in suite.codecs)
-
-
 def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None:
     """Measure every choice of one material that was not timed yet: quality, bytes, and time in turns with the others.
 
@@ -229,22 +218,24 @@ def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None
     """
     suite = trade.suite
     timed: dict[str, Material] = {}  # by name of the choice
-    for choice in _untimed(trade, jobs):
+    for choice in _untimed_choices(trade, jobs):
         opening = Opening("trade", spec, suite.data, choice.job["seed"], suite.metrics)
         with open_workbench(opening, trade.show) as workbench:  # which stays open for jobs of the same seed
-            row = trade.known(trade.row(choice.job, choice.variant))
+            row = trade.choice_row(choice.job, choice.variant)
+            row |= trade.measured_before(row)
             try:
                 ready = choice.plain
                 if not ready.opaque:  # else another program answers, whose process cannot be copied
                     ready = prepared(ready, choice.variant)
                 if "psnr" not in row:
-                    row |= _figures_of(trade, workbench, choice, ready)
+                    row |= _figures_of_choice(trade, workbench, choice, ready)
                 if ready.opaque:  # its time would be that of exchanging files
                     row["error"] = "its time cannot be measured"
                 else:
                     timed[row["job"]] = ready
             except Exception as error:  # an error in one variant must not lose the figures of the others
-                row["error"] = _error_in_words(error)
+                words = _on_one_line(str(error))
+                row["error"] = words if isinstance(error, InputError) else f"{type(error).__name__}: {words}"
             trade.write(row)
     if timed:
         _time_choices(trade, spec, timed)
@@ -258,37 +249,29 @@ class _Choice(NamedTuple):
     plain: Material
 
 
-def _untimed(trade: _Trade, jobs: list[Job]) -> list[_Choice]:
+def _untimed_choices(trade: _Trade, jobs: list[Job]) -> list[_Choice]:
     """The choices of some jobs' files that were not timed yet."""
     untimed = []
     for job in jobs:
         material = material_of_job(trade.run.folder, job, trade.device)
         variants = [Variant()]
         if not material.opaque:
-            variants += _variants(trade.suite, job, material)
+            variants += _variants_of_job(trade.suite, job, material)
         for variant in variants:
-            if "ns_per_sample" not in trade.known(trade.row(job, variant)):
+            if "ns_per_sample" not in trade.measured_before(trade.choice_row(job, variant)):
                 untimed.append(_Choice(job, variant, material))
     return untimed
 
 
-def _figures_of(trade: _Trade, workbench: Workbench, choice: _Choice, ready: Material) -> Timing:
+def _figures_of_choice(trade: _Trade, workbench: Workbench, choice: _Choice, ready: Material) -> Timing:
     """The figures of a choice, whose material in the execution and precision of its variant is `ready`.
 
     In eager float32 the run has scored the file. In others it is scored now, and its answers are compared with those.
     """
     if choice.variant == Variant():
         return _figures_of_run(trade.run, choice.job)
-    scores = _score(workbench, ready, trade.suite.threads, trade.show)
+    scores = _figures_scored_now(workbench, ready, trade.suite.threads, trade.show)
     return scores | _deviation(workbench, ready, choice.plain, trade.show)
-
-
-def _error_in_words(error: Exception) -> str:
-    """An error on one line; of an unexpected one also its class."""
-    words = _on_one_line(str(error))
-    if isinstance(error, InputError):
-        return words
-    return f"{type(error).__name__}: {words}"
 
 
 def _on_one_line(text: str) -> str:
@@ -309,23 +292,25 @@ def _time_choices(trade: _Trade, spec: MaterialSpec, timed: dict[str, Material])
     """Time choices, given by name, in turns with each other and the floor, and write their timings."""
     threads = trade.suite.threads
     ceilings = _ceilings(trade.suite, torch.device(trade.device), torch.get_num_threads())
-    of_these_threads = [ceiling for ceiling in ceilings if ceiling["threads"] == threads]
-    batch = timing.batch_on(trade.device, BATCH)
-    measured = _time_in_turns(timed, of_these_threads, batch, trade.show)
+    own_ceilings = [ceiling for ceiling in ceilings if ceiling["threads"] == threads]
+
+    measured, raised = _time_in_turns(timed, own_ceilings, timing.batch_on(trade.device, BATCH), trade.show)
+    raised_of_dtype = {ceiling["dtype"]: ceiling for ceiling in raised}
+    ceilings = [raised_of_dtype[each["dtype"]] if each["threads"] == threads else each for each in ceilings]
     for name, ready in timed.items():
         row = trade.run.timings.latest(name)
         assert row is not None  # it was written when it was scored
-        limit = least_ns(ready, row["dtype"], of_these_threads)
-        trade.write({**row, **measured[name].summary(), "limit_ns": limit})
-    floor = trade.bare_row(f"{spec.name}/{timing.FLOOR}", spec.name, timing.FLOOR, Variant())
+        trade.write({**row, **measured[name].summary(), "limit_ns": least_ns(ready, row["dtype"], raised)})
+    floor = trade.row_with_conditions(f"{spec.name}/{timing.FLOOR}", spec.name, timing.FLOOR, Variant())
     floor |= {"ceilings": ceilings, "left_out": trade.left_out}
     trade.write(floor | measured[timing.FLOOR].summary())
 
 
 def _time_in_turns(
     materials: dict[str, Material], ceilings: list[Ceiling], batch: int, show: Progress
-) -> dict[str, timing.Timing]:
-    """Time materials in turns with each other and with the ceilings, which rise where a turn reaches more."""
+) -> tuple[dict[str, timing.Timing], list[Ceiling]]:
+    """The times of materials in turns with each other and with the ceilings, and the ceilings, raised where a turn
+    reached more."""
     first = next(iter(materials.values()))  # its size and device stand for those of all
     queries = random_queries(batch, first.size, first.device)
     # What takes turns, by name: each material, and for each ceiling a matrix product and a copy of memory.
@@ -336,24 +321,25 @@ def _time_in_turns(
         calls[f"product {dtype}"] = product_call
         calls[f"copy {dtype}"] = copy_call
     measured = timing.in_turns(calls, batch, first.size, ceilings[0]["threads"], first.device, show)
+    raised: list[Ceiling] = []
     for ceiling in ceilings:
         dtype = ceiling["dtype"]
         # `samples` are ns of a turn over the batch: times the batch, they are ns of the whole product or copy.
         product = batch * float(measured[f"product {dtype}"].samples.min())
         copied = batch * float(measured[f"copy {dtype}"].samples.min())
         flops, read = rates(product, copied, first.device)
-        ceiling["flops_per_ns"] = max(ceiling["flops_per_ns"], flops)
-        ceiling["bytes_per_ns"] = max(ceiling["bytes_per_ns"], read)
-    return measured
+        flops, read = max(ceiling["flops_per_ns"], flops), max(ceiling["bytes_per_ns"], read)
+        raised.append({**ceiling, "flops_per_ns": flops, "bytes_per_ns": read})
+    return measured, raised
 
 
-def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
+def _variants_of_job(suite: Suite, job: Job, material: Material) -> list[Variant]:
     """The variants of the suite that a job's file is tried in, besides eager float32.
 
     None for an entry with a sweep, whose many files would take too long. Without a network only the variants that
     change a whole material remain.
     """
-    if not _without_sweep(suite, job):
+    if not any(spec.label == job["label"] and not spec.swept for spec in suite.codecs):
         return []
     variants = [Variant.parse(text) for text in suite.variants]
     if networks(material):
@@ -361,7 +347,7 @@ def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
     return [variant for variant in variants if variant.execution == "fused"]
 
 
-def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> Timing:
+def _figures_scored_now(workbench: Workbench, material: Material, threads: int, show: Progress) -> Timing:
     """The figures of a material in another execution or precision, scored now at deciding and validation pairs."""
     groups = {deciding_group(workbench.groups): workbench.deciding}
     if VALIDATION in workbench.groups:
@@ -393,12 +379,9 @@ def _figures(job: Job, squared: np.ndarray) -> Timing:
     """
     metrics = metrics_of(job)
     flip_name = metric_of(metrics, FLIP)  # the full name of the FLIP that was measured; "" if none was
-    flip = None
-    if flip_name:
-        flip = metrics[flip_name]["mean"]
     figures: Timing = {
         "psnr": metrics[PSNR]["mean"],
-        "flip": flip,
+        "flip": metrics[flip_name]["mean"] if flip_name else None,
         "worst": as_number(float(decibels(squared.max()))),
     }
     validation = validation_of(job)  # empty if the job was scored at no validation pair
@@ -425,7 +408,7 @@ def _add_noise(trade: _Trade, job: Job) -> None:
 
     Other executions and precisions have the same noise, and get none.
     """
-    row = trade.run.timings.latest(trade.row(job, Variant())["job"])
+    row = trade.run.timings.latest(trade.choice_row(job, Variant())["job"])
     if row is None or "noise" in row:
         return
     path_tracer = _path_tracer()
@@ -434,12 +417,9 @@ def _add_noise(trade: _Trade, job: Job) -> None:
         lobes = fitted(load(file).material, show=trade.show)
         noises = path_tracer.reached(file, [None, lobes])  # sampling by the cosine, and by the fitted lobes
     except (InputError, RuntimeError) as error:  # the second is Mitsuba's; keep the figures of other files
-        row["noise_error"] = _on_one_line(str(error))
-    else:
-        row.pop("noise_error", None)
-        row["noise"] = {
-            "scene": path_tracer.EVEN,
-            "samples": [each.samples for each in noises],
-            "seconds": [each.seconds for each in noises],
-        }
-    trade.write(row)
+        trade.write({**row, "noise_error": _on_one_line(str(error))})
+        return
+    samples, seconds = [each.samples for each in noises], [each.seconds for each in noises]
+    with_noise: Timing = {**row, "noise": {"scene": path_tracer.EVEN, "samples": samples, "seconds": seconds}}
+    with_noise.pop("noise_error", None)
+    trade.write(with_noise)

@@ -83,9 +83,7 @@ class Workbench:
     @cached_property
     def frame_scorer(self) -> FrameScorer | None:
         """The scorer of the scene's frames; None without a demand."""
-        if self.demand is None:
-            return None
-        return FrameScorer(table_of(self.btf), self.demand)
+        return None if self.demand is None else FrameScorer(table_of(self.btf), self.demand)
 
     @cached_property
     def scene_shares(self) -> np.ndarray | None:
@@ -154,8 +152,8 @@ class Workbench:
         return {name: pairs for name, pairs in groups.items() if len(pairs)}
 
     def _groups_by_hull(self, heldout: np.ndarray) -> dict[str, np.ndarray]:
-        """Of held-out pairs (n,) those inside the hull, where training pairs lie around them in each direction, and
-        those outside, where a decoder must extrapolate: as many of both, at about the same θ_o and θ_i."""
+        """The held-out pairs (n,) inside the hull, where training pairs lie around them in each direction, and those
+        outside, where a decoder must extrapolate: as many inside as outside, at about the same θ_o and θ_i."""
         wo = torch.from_numpy(self.btf.wo[heldout])
         wi = torch.from_numpy(self.btf.wi[heldout])
         is_outside = PairInterpolator(self.training.layout).outside(wo, wi).numpy()
@@ -163,7 +161,7 @@ class Workbench:
         return {"heldout, inside hull": inside, "heldout, outside hull": outside}
 
     def _at_equal_angles(self, inside: np.ndarray, outside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of pairs inside a hull (n,) and outside (m,), as many of each in every cell of `CELL_DEG` over θ_o and θ_i.
+        """As many pairs inside a hull (n,) as outside (m,) in every cell of `CELL_DEG` over θ_o and θ_i.
 
         Directions outside a hull are mostly grazing, where all codecs are worse; so only the hull makes a difference.
         """
@@ -265,24 +263,22 @@ def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
     with _ONE_AT_A_TIME:
         if key not in _latest:
             _latest.clear()
-            opened = _opened(what, draw, show)
-            _warn(opened, what.material)
-            _latest[key] = opened
+            workbench = _new_workbench(what, draw, show)
+            _warn_of_faults(workbench, what.material)
+            _latest[key] = workbench
         yield _latest[key]
 
 
-def _opened(what: Opening, draw: int, show: Progress) -> Workbench:
+def _new_workbench(what: Opening, draw: int, show: Progress) -> Workbench:
     """A new workbench, at the test pairs of one draw."""
-    demand = None
-    if what.demand:
-        demand = demand_of(what.run, what.demand)
+    demand = demand_of(what.run, what.demand) if what.demand else None
     btf = open_material(what.material, what.data, show, draw, load_path_tracer)
     if what.data.texels:
         btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it
     return Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)
 
 
-def _warn(workbench: Workbench, material: MaterialSpec) -> None:
+def _warn_of_faults(workbench: Workbench, material: MaterialSpec) -> None:
     """Warn of a material that its exposure shows badly, and of one with fewer than `FEW_PAIRS` that decide."""
     if workbench.exposed.fault:
         log.warning("%s: %s", material.name, workbench.exposed.fault)

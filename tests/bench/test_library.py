@@ -140,13 +140,13 @@ def test_a_script_searches_the_smallest_file_for_a_scene_as_the_command_does(tmp
     goal = bench.SceneGoal(tmp_path / "scene.npz")
     found = bench.encode_for_scene(bench.open(folder), "pca", "script.nbtf", goal, components=4)
     assert code == 0
-    assert found.found.met
+    assert found.search.met
     assert found.described().partition(".")[0] in shown
     assert found.rows[0]["model"] == "full"
     assert Path("script.nbtf").read_bytes() == Path("command.nbtf").read_bytes()
     unreachable = bench.SceneGoal("scene.npz", psnr=99.0)
     missed = bench.encode_for_scene(bench.open(folder), "pca", "script.nbtf", unreachable, components=1)
-    assert not missed.found.met
+    assert not missed.search.met
     assert missed.described() != found.described()
 
 

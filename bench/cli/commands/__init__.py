@@ -57,11 +57,9 @@ def modules() -> dict[str, str]:
 
 def in_groups(known: dict[str, str]) -> str:
     """The commands of `modules` in groups, each with a line that says what it does."""
-    groups = GROUPS
     ours: set[str] = set().union(*GROUPS.values())
     others = tuple(name for name in known if name not in ours)
-    if others:
-        groups = GROUPS | {"commands of methods": others}
+    groups = GROUPS | ({"commands of methods": others} if others else {})
     lines = []
     for group, names in groups.items():
         lines.append(f"{group}:")

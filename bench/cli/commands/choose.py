@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     if options.copy:
         container.refuse_other_file(options.copy)
     write_json = json_writer(options.json)
-    suite = _suite(options)
+    suite = _suite_of_material(options)
     folder = options.out or Path("runs") / suite.name
     with Console() as console:
         demand = demand_file(options, folder, console)
@@ -97,25 +97,24 @@ def run(options: argparse.Namespace) -> int:
     if not suite.data.validation:
         why = f"suite {suite.name} has no validation pairs to choose by"
         raise InputError(f"choose: {why}: add `validation = true` to [data]")
-    rungs = _rungs(folder, suite, options, wishes)
+    rungs = _rungs_after_measuring(folder, suite, options, wishes)
     if not rungs:
         say_line(f"{material}: nothing could be measured; the reasons are in {folder}")
         return FAILED
-    # Say the best, or how near the nearest comes.
     measured = load_run(folder)
     best = best_rung(rungs, wishes, TIE_DB)
     if best is None:
         nearest_rung = nearest(rungs, wishes)
         _say_nearest(material, nearest_rung, wishes, options)
         _say_other(folder, suite, options, wishes)
-        write_json(_fields(measured, nearest_rung.of) | {"missed": wishes.missed(nearest_rung)})
+        write_json(_choice_fields(measured, nearest_rung.of) | {"missed": wishes.missed(nearest_rung)})
         return NO
     say_line(f"{material}: {choice_in_words(best.of)}{_frames_in_words(best, options)}")
     say_line(f"every setting: neubtf-bench table trade {shlex.quote(str(folder))} --all")
-    fields = _fields(measured, best.of)
+    fields = _choice_fields(measured, best.of)
     _say_cost(best.of, fields["gpu_bytes"])
-    _offer(measured, best.of, options.copy)
-    command = _command(suite, best.of, options.device, options.copy)
+    _say_and_copy_file(measured, best.of, options.copy)
+    command = _encode_command(suite, best.of, options.device, options.copy)
     if command:
         say_line(command)
     write_json(fields | {"missed": [], "command": command or None})
@@ -149,8 +148,8 @@ def _frames_in_words(rung: Rung, options: argparse.Namespace) -> str:
     return f", {rung.score:.2f} dB in the frames of {options.scene}" if options.scene else ""
 
 
-def _fields(run: Run, row: Timing) -> dict[str, Any]:
-    """What a measured setting of a run is: its names, settings, costs and scores, and its file."""
+def _choice_fields(run: Run, row: Timing) -> dict[str, Any]:
+    """What `--json` says of a measured setting of a run: its names, settings, costs and scores, and its file."""
     job = run.job(row["of"])
     file = job.get("file") if job else None
     names = ("material", "label", "codec", "settings", "execution", "device", "threads")
@@ -167,13 +166,13 @@ def _fields(run: Run, row: Timing) -> dict[str, Any]:
 
 
 def _say_other(folder: Path, suite: Suite, options: argparse.Namespace, wishes: Limits) -> None:
-    """Print the best measured setting of the other codecs, if `suite`, which --codec reduced, lacks one that meets the
-    wishes."""
+    """Print the best measured setting of all codecs that meets the wishes, if --codec left some of them out of
+    `suite`."""
     if not options.codec:
         return
-    options = argparse.Namespace(**vars(options) | {"codec": []})
-    whole = replace(_suite(options), demand=suite.demand)
-    rungs, _ = _measured(folder, whole, options)
+    of_all_codecs = argparse.Namespace(**vars(options) | {"codec": []})
+    whole = replace(_suite_of_material(of_all_codecs), demand=suite.demand)
+    rungs, _ = _measured_rungs(folder, whole, options)
     best = best_rung(rungs, wishes, TIE_DB)
     if best is not None:
         say_line(f"without --codec: {choice_in_words(best.of)}")
@@ -200,7 +199,7 @@ def _gpu_bytes(folder: Path, job: Job | None) -> int | None:
         return None
 
 
-def _offer(run: Run, row: Timing, copy: Path | None) -> None:
+def _say_and_copy_file(run: Run, row: Timing, copy: Path | None) -> None:
     """Print where the chosen file of a run is, and copy it with the network that it needs; `copy` is None for no copy.
 
     `InputError` if another file took its place, or if it is to be copied and is gone or damaged.
@@ -227,7 +226,7 @@ def _offer(run: Run, row: Timing, copy: Path | None) -> None:
     say_line(f"wrote {copy}")
 
 
-def _command(suite: Suite, row: Timing, device: str, out: Path | None) -> str:
+def _encode_command(suite: Suite, row: Timing, device: str, out: Path | None) -> str:
     """The command that makes the chosen file again, byte for byte, as `out` if that is given; "" where only a run can
     make it."""
     spec = suite.materials[0]
@@ -267,7 +266,7 @@ def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
     return round(float(number) * {"": 1, "k": 1_000, "M": 1_000_000}[unit])
 
 
-def _suite(options: argparse.Namespace) -> Suite:
+def _suite_of_material(options: argparse.Namespace) -> Suite:
     """The suite that the options name, for one material."""
     suite = with_changes(load_suite(options.suite), [options.material], options.codec, changes={})
     if options.steps is None:
@@ -278,22 +277,22 @@ def _suite(options: argparse.Namespace) -> Suite:
         raise InputError(f"--steps {options.steps}: {error}") from error
 
 
-def _rungs(folder: Path, suite: Suite, options: argparse.Namespace, wishes: Limits) -> list[Rung]:
+def _rungs_after_measuring(folder: Path, suite: Suite, options: argparse.Namespace, wishes: Limits) -> list[Rung]:
     """The measured settings; if none of them meets the wishes, the settings of the suite that are missing are fitted
     and measured first, which takes minutes to hours."""
-    rungs, missing = _measured(folder, suite, options)
+    rungs, missing = _measured_rungs(folder, suite, options)
     if best_rung(rungs, wishes) or not missing:
         return rungs
-    suite = canonical(suite)  # by the names of the records; it loads the codecs
-    _, missing = _measured(folder, suite, options)
+    named_as_recorded = canonical(suite)  # which loads the codecs
+    _, missing = _measured_rungs(folder, named_as_recorded, options)
     if not missing:
         return rungs
-    _measure(folder, suite, options, missing)
-    rungs, _ = _measured(folder, suite, options)
+    _measure(folder, named_as_recorded, options, missing)
+    rungs, _ = _measured_rungs(folder, named_as_recorded, options)
     return rungs
 
 
-def _measured(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[list[Rung], list[str]]:
+def _measured_rungs(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[list[Rung], list[str]]:
     """The settings of the suite's codecs that were measured on the device for its material, and the labels of those of
     the suite that were not tried.
 
@@ -301,13 +300,16 @@ def _measured(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[
     """
     material = suite.materials[0].name
     run = run_so_far(folder)
-    rows = _rows(run, suite, options.device)
-    failed = {row["label"] for row in rows if "error" in row}  # these are not tried again
-    tried = failed | {row["label"] for row in rows if "validation" in row}
+    codecs = {codec.codec for codec in suite.codecs}
+    of_material = [row for row in run.choices if (row["material"], row["device"]) == (material, options.device)]
+    rows = [row for row in of_material if row.get("codec") in codecs]
+    tried = {row["label"] for row in rows if "error" in row}  # these are not tried again
     rungs = usable_rungs(rows, material)
     if options.scene:
-        rungs = _by_frames(run, rungs, load_demand(suite.demand).fingerprint)
-        tried = failed | {rung.of["label"] for rung in rungs}
+        rungs = _rungs_in_scene(run, rungs, load_demand(suite.demand).fingerprint)
+        tried |= {rung.of["label"] for rung in rungs}
+    else:
+        tried |= {row["label"] for row in rows if "validation" in row}
     if options.max_gpu_bytes:
         jobs = {rung.of["of"] for rung in rungs}
         gpu_bytes_of = {name: _gpu_bytes(folder, run.job(name)) for name in jobs}
@@ -315,38 +317,24 @@ def _measured(folder: Path, suite: Suite, options: argparse.Namespace) -> tuple[
     return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
-def _rows(run: Run, suite: Suite, device: str) -> list[Timing]:
-    """The choices of a run that are of the suite's codecs on its material, measured on a device."""
-    codecs = {codec.codec for codec in suite.codecs}
-    material = suite.materials[0].name
-    rows = []
-    for row in run.choices:
-        of_material = (row["material"], row["device"]) == (material, device)
-        if of_material and row.get("codec") in codecs:
-            rows.append(row)
-    return rows
-
-
-def _by_frames(run: Run, rungs: list[Rung], demand: str) -> list[Rung]:
+def _rungs_in_scene(run: Run, rungs: list[Rung], demand: str) -> list[Rung]:
     """The rungs whose jobs were scored in a scene, by the fingerprint of its demand; their score is the PSNR of its
     frames."""
-    found: list[Rung] = []
+    in_scene: list[Rung] = []
     for rung in rungs:
         job = run.job(rung.of["of"])
         if job and job["score_key"].get("demand") == demand:
             psnr = job["scene"]["metrics"].get(PSNR)
-            found.append(replace(rung, score=counted(psnr)))
-    return found
+            in_scene.append(replace(rung, score=counted(psnr)))
+    return in_scene
 
 
 def _measure(folder: Path, suite: Suite, options: argparse.Namespace, missing: list[str]) -> None:
     """Run a trade over the suite, which fits only the missing settings that no earlier start has fitted."""
-    run = run_so_far(folder)
-    to_fit = 0  # an earlier start may have fitted a setting, and ended before it timed it
-    for name, codec in timed_jobs(suite).items():
-        job = run.job(name)
-        if codec.label in missing and (job is None or job["status"] != "ok"):
-            to_fit += 1
+    # An earlier start may have fitted a setting, and ended before it timed it.
+    fitted = {job["job"] for job in run_so_far(folder).jobs if job["status"] == "ok"}
+    jobs = timed_jobs(suite).items()
+    to_fit = sum(codec.label in missing and name not in fitted for name, codec in jobs)
     settings = f"{len(missing)} of {len(suite.codecs)} settings of {suite.name}"
     with Console() as console:
         console.say(

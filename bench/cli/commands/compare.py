@@ -29,7 +29,7 @@ from bench.compare.forms import annotations, junit, tracker
 from bench.compare.reference import committed, limits, update
 from bench.files.atomic import begins, refuse_other_kind
 from bench.inputs.errors import FINE, InputError
-from bench.records import load_run
+from bench.records import Run, load_run
 from bench.runs.suite import builtin_suites
 from reports.comparison import markdown, terminal
 
@@ -56,7 +56,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the comparison, and write the files that are asked for; returns the exit code of the comparison."""
     if options.update:
-        return _update(options)
+        return _update_reference(options)
     if not options.new:
         raise InputError("compare: give NEW, the run to judge, or --update to make a reference from BASE")
     if options.out or options.wide:
@@ -66,13 +66,7 @@ def run(options: argparse.Namespace) -> int:
         if each.jobs and each.stress:
             raise InputError(f"{name}: it holds jobs and a stress test: compare each from a file of its own")
     if base.stress:
-        of_jobs = ("material", "markdown", "junit", "tracker", "annotations")
-        ignored = [f"--{name}" for name in of_jobs if getattr(options, name)]
-        if ignored:
-            raise InputError(f"{', '.join(ignored)}: not for stress tests, which are compared as text: leave it out")
-        text, code = compare_extremes(base, new, options.codec, options.allow)
-        print(text)
-        return code
+        return _compare_stress_tests(base, new, options)
     if options.markdown:
         refuse_other_kind(options.markdown, ".md", begins(b"### neubtf-bench"))
     if options.junit:
@@ -91,7 +85,18 @@ def run(options: argparse.Namespace) -> int:
     return comparison.exit_code
 
 
-def _update(options: argparse.Namespace) -> int:
+def _compare_stress_tests(base: Run, new: Run, options: argparse.Namespace) -> int:
+    """Print the comparison of two stress tests as text; returns its exit code."""
+    of_jobs = ("material", "markdown", "junit", "tracker", "annotations")
+    ignored = [f"--{name}" for name in of_jobs if getattr(options, name)]
+    if ignored:
+        raise InputError(f"{', '.join(ignored)}: not for stress tests, which are compared as text: leave it out")
+    text, code = compare_extremes(base, new, options.codec, options.allow)
+    print(text)
+    return code
+
+
+def _update_reference(options: argparse.Namespace) -> int:
     """Write a reference again, and print what changed and what it cannot tell; returns the exit code."""
     of_verdicts = ("new", "material", "codec", "allow", "markdown", "junit", "tracker", "annotations")
     given = ["NEW" if name == "new" else f"--{name}" for name in of_verdicts if getattr(options, name)]

@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
             scene_fit = encode_for_scene(btf, codec, options.out, goal, show=console.show, **how)
             console.say(scene_models_text(scene_fit.rows))
             console.say(scene_fit.described())
-            code = FINE if scene_fit.found.met else NO
+            code = FINE if scene_fit.search.met else NO
         else:
             encode(btf, codec, options.out, show=console.show, **how)
     # Decoding the new file shows a fault of the codec at once, not when the file is used.

@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
         print("these runs have no records of jobs")
         return NOTHING
     if options.out:
-        _write(frame, options.out)
+        _write_frame(frame, options.out)
         say_line(f"wrote {options.out}: {len(frame):,} jobs, {len(frame.columns):,} columns")
     if options.plot:
         with writable(options.plot, "choose another --plot"):
@@ -53,11 +53,11 @@ def run(options: argparse.Namespace) -> int:
         for path in written:
             say_line(f"wrote {path}")
     if not (options.out or options.plot):
-        print(_table(frame))
+        print(_table_of_means(frame))
     return FINE
 
 
-def _write(frame: pd.DataFrame, path: Path) -> None:
+def _write_frame(frame: pd.DataFrame, path: Path) -> None:
     """Write the frame as CSV if the path ends in .csv, else as Parquet."""
     needs = installed(f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv")
     with needs, writable(path, "choose another --out"), replacing(path) as partial:
@@ -67,37 +67,33 @@ def _write(frame: pd.DataFrame, path: Path) -> None:
             frame.to_parquet(partial, engine="pyarrow", index=False)
 
 
-def _table(frame: pd.DataFrame) -> str:
+def _table_of_means(frame: pd.DataFrame) -> str:
     """Means over seeds: a line for each start of a run in which a codec was measured."""
-    frame = frame.assign(own=frame.get("fitted/codec"))
-    keys = ["material", "label", "folder", "started", "git", "own"]
-    frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
-    metrics, decibels = _heldout(frame)
-    sizes = [name for name in ("parameters", "bytes/total") if name in frame]
-    has_own = frame["own"].notna().any()  # a codec has a repository of its own
-    frame = frame[[*keys, "status", *sizes]].assign(**metrics)
-    form_of = {"parameters": ",.0f", "bytes/total": ",.0f"}  # by column of numbers
-    for metric in metrics:
-        form_of[metric] = ".2f" if metric in decibels else ".4f"
+    # The column of each revision: that of the suite, and of a codec that has a repository of its own.
+    revisions = {"revision": "git"}
+    if "fitted/codec" in frame and frame["fitted/codec"].notna().any():
+        revisions["codec's revision"] = "fitted/codec"
+    metrics, decibels = _heldout_scores(frame)
+    forms = {"parameters": ",.0f", "bytes/total": ",.0f"}  # by column of numbers
+    forms |= {metric: ".2f" if metric in decibels else ".4f" for metric in metrics}
+    in_order = frame.assign(**metrics).sort_values(["material", "label", "started", "folder"], kind="stable")
+    keys = ["material", "label", "folder", "started", *revisions.values()]
     rows = []
-    for values, jobs in frame.groupby(keys, sort=False, dropna=False):
-        material, label, folder, started, git, own = values
-        when = f"{started:%Y-%m-%d %H:%M}" if isinstance(started, pd.Timestamp) else NONE  # a missing time is NaT
-        revisions = [git, own] if has_own else [git]
-        cells = [visible(str(material)), visible(str(label)), visible(str(folder)), when]
-        cells += [revision if isinstance(revision, str) else NONE for revision in revisions]  # a missing text is NaN
+    for (material, label, folder, started, *of_code), jobs in in_order.groupby(keys, sort=False, dropna=False):
+        cells = [visible(str(name)) for name in (material, label, folder)]
+        cells.append(f"{started:%Y-%m-%d %H:%M}" if isinstance(started, pd.Timestamp) else NONE)  # a missing one is NaT
+        cells += [revision if isinstance(revision, str) else NONE for revision in of_code]  # a missing one is NaN
         cells.append(f"{(jobs['status'] == 'ok').sum()} of {len(jobs)}")
-        for column, form in form_of.items():
+        for column, form in forms.items():
             mean = jobs[column].mean() if column in jobs else math.nan
             cells.append(NONE if math.isnan(mean) else f"{mean:{form}}")
         rows.append(cells)
-    revised = ["revision", "codec's revision"] if has_own else ["revision"]
-    headers = ["material", "codec", "run", "started", *revised, "jobs", "parameters", "bytes", *metrics]
-    aligned = ["left"] * (5 + len(revised)) + ["right"] * len(form_of)
+    headers = ["material", "codec", "run", "started", *revisions, "jobs", "parameters", "bytes", *metrics]
+    aligned = ["left"] * (5 + len(revisions)) + ["right"] * len(forms)
     return tabulate(rows, headers, "simple", colalign=aligned, disable_numparse=True)
 
 
-def _heldout(frame: pd.DataFrame) -> "tuple[dict[str, pd.Series[float]], set[str]]":
+def _heldout_scores(frame: pd.DataFrame) -> "tuple[dict[str, pd.Series[float]], set[str]]":
     """The scores of held-out pairs by the metric's label, and the labels of those in decibels.
 
     A label may stand for several variants of a metric; each job has a score of the variant that it measured.

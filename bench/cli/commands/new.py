@@ -32,6 +32,7 @@ from bench.inputs.errors import FINE, InputError
 # For each kind: the place of each file, and its template.
 _FILES = {
     "codec": {"{name}-codec/{module}.py": "codec", "{name}-codec/pyproject.toml": "pyproject"},
+    "neural codec": {"{name}-codec/{module}.py": "neural", "{name}-codec/pyproject.toml": "pyproject"},
     "metric": {
         "{name}-metric/{module}.py": "metric",
         "{name}-metric/test_{module}.py": "metric-test",
@@ -61,7 +62,7 @@ _PLACES = {"codec": "{module}:{class_name}", "metric": "{module}:METRIC", "reade
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command to its parser."""
-    parser.add_argument("what", choices=sorted(_FILES))
+    parser.add_argument("what", choices=sorted(_NEXT))
     parser.add_argument("name", metavar="NAME", help="the name of the codec, metric or format, such as my-codec")
     parser.add_argument("--neural", action="store_true", help="codec: a neural texture, fitted in a loop of its own")
     parser.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where (default: here)")
@@ -80,12 +81,8 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("--neural: only `new codec` has it")
     words = _words(what, name, entry, options.out)
     # The text of each file, with its open words. Nothing is written if one of the places is taken.
-    texts: dict[Path, str] = {}
-    for place, template in _FILES[what].items():
-        if options.neural and template == "codec":
-            template = "neural"
-        path = options.out / place.format(**words)
-        texts[path] = (files("bench.cli") / "templates" / f"{template}.txt").read_text("utf-8")
+    templates = _FILES["neural codec" if options.neural else what]
+    texts = {options.out / place.format(**words): _template(file) for place, file in templates.items()}
     for path in texts:
         if path.exists():
             raise InputError(f"{path}: it exists already: remove it, or choose another --out")
@@ -98,6 +95,11 @@ def run(options: argparse.Namespace) -> int:
         print(f"The workflow installs the codec from {words['package']}, which has no pyproject.toml yet.")
     print(f"next:\n{_NEXT[what].format(**words)}")
     return FINE
+
+
+def _template(name: str) -> str:
+    """The text of a template, which ships with the suite."""
+    return (files("bench.cli") / "templates" / f"{name}.txt").read_text("utf-8")
 
 
 def _words(what: str, name: str, entry: str, out: Path) -> dict[str, str]:

@@ -36,6 +36,15 @@ LIMITS: dict[str, tuple[float, float]] = {  # by option: the least and the large
     "rays": (1, 16),
     "samples": (1, 1 << 20),
 }
+NOT_WITH_MITSUBA = {  # by option: why a Mitsuba scene does not take it
+    "truth": "it shows codec files only",
+    "set": "it has no --truth",
+    "lights": "it has its own lights",
+    "width": "its film gives it",
+    "frame": "its first camera is rendered",
+    "rays": "give --samples",
+    "device": "Mitsuba's variant gives it",
+}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,13 +75,14 @@ def run(options: argparse.Namespace) -> int:
         if value is not None and not low <= value <= high:
             raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
     if is_mitsuba(options.scene):
-        return _path_traced(options)
+        return _path_trace(options)
     refuse_mitsuba_options(options, "bsdf", "samples")
-    return _drawn(options)
+    return _draw(options)
 
 
-def _drawn(options: argparse.Namespace) -> int:
-    """Render the truth, if it is asked for, and files in a scene of the suite, side by side."""
+def _draw(options: argparse.Namespace) -> int:
+    """Render the truth, if it is asked for, and files in a scene of the suite, and write them side by side; returns the
+    exit code."""
     scene = still.changed(named_scene(options.scene), options.lights, options.tiling, options.width)
     if not 0 <= options.frame < len(scene.cameras):
         raise InputError(f"--frame {options.frame}: {scene.name} has frames 0 to {len(scene.cameras) - 1}")
@@ -99,7 +109,7 @@ def _drawn(options: argparse.Namespace) -> int:
                 side.caption += f"\n{still.psnr_in_frame(picture, pictures[0], exposure):.2f} dB in frame"
         captions = [side.caption for side in sides]
         still.write(options.out, np.concatenate(list(pictures), 1), exposure, captions)
-        console.say(_written(options.out, [side.name for side in sides], captions, exposure))
+        console.say(_result_in_words(options.out, [side.name for side in sides], captions, exposure))
     return FINE
 
 
@@ -112,23 +122,14 @@ class _Side:
     answers: still.Answers
 
 
-def _path_traced(options: argparse.Namespace) -> int:
-    """Render files with Mitsuba, side by side."""
+def _path_trace(options: argparse.Namespace) -> int:
+    """Render files with Mitsuba, and write them side by side; returns the exit code."""
     if not (options.files and options.bsdf):
         raise InputError("a Mitsuba scene needs codec files, and the BSDF that they replace: give --bsdf ID")
-    own = {
-        "--truth": "it shows codec files only",
-        "--set": "it has no --truth",
-        "--lights": "it has its own lights",
-        "--width": "its film gives it",
-        "--frame": "its first camera is rendered",
-        "--rays": "give --samples",
-        "--device": "Mitsuba's variant gives it",
-    }
     # None of these has a useful value that counts as false: frame 0 is the default, and the least width is 1.
-    for name, reason in own.items():
-        if getattr(options, name.removeprefix("--")):
-            raise InputError(f"{name}: not with a Mitsuba scene: {reason}")
+    for name, reason in NOT_WITH_MITSUBA.items():
+        if getattr(options, name):
+            raise InputError(f"--{name}: not with a Mitsuba scene: {reason}")
     with installed(f"--scene {options.scene}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]'"):
         from bench.demand.mitsuba.picture import path_traced
     scene = Path(options.scene)
@@ -136,7 +137,7 @@ def _path_traced(options: argparse.Namespace) -> int:
     pictures = [path_traced(scene, options.bsdf, file, options.tiling, options.samples) for file in options.files]
     exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
     still.write(options.out, np.concatenate(pictures, 1), exposure, captions)
-    say_line(_written(options.out, [file.name for file in options.files], captions, exposure))
+    say_line(_result_in_words(options.out, [file.name for file in options.files], captions, exposure))
     return FINE
 
 
@@ -145,7 +146,7 @@ def _caption(header: Header) -> str:
     return f"{header.codec}, {header.file_bytes:,} bytes"
 
 
-def _written(out: Path, names: list[str], captions: list[str], exposure: float) -> str:
+def _result_in_words(out: Path, names: list[str], captions: list[str], exposure: float) -> str:
     """What was written, and what the pictures are, from left to right."""
     pictures = []
     for name, caption in zip(names, captions, strict=True):

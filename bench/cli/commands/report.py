@@ -34,7 +34,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the report of a run, or the board of several; returns the exit code."""
     if options.site:
-        return _site(options.runs, options.site)
+        return _write_site(options.runs, options.site)
     if len(options.runs) > 1 or options.runs[0].is_file():
         raise InputError(
             "report: only a run alone has its report in its folder: of several, or of files, give --site DIR"
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _site(places: list[Path], site: Path) -> int:
+def _write_site(places: list[Path], site: Path) -> int:
     """Write the board of what lies at some places; returns the exit code."""
     # Only a board says what codecs are, and unpacks archives: the report of a run imports neither.
     from bench.codecs.described import described_codecs

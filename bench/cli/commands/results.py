@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     if options.action == "verify":
         return _archives.verify_archive(options)
     if options.action == "add":
-        return _add(options.run, options.file)
+        return _add_records(options.run, options.file)
     if not options.documents:
         raise InputError("results write: name a Markdown file")
     if options.action == "write":
@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _add(run: Path, file: Path) -> int:
+def _add_records(run: Path, file: Path) -> int:
     """Add the records of a run to a file, where they replace those of the same jobs; returns the exit code."""
     if file.suffix != ".jsonl":
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
@@ -115,13 +115,14 @@ def _with_new_tables(path: Path, text: str) -> str:
 
     def made_again(block: re.Match[str]) -> str:
         """The block with the table that its command makes now."""
-        return block["start"] + _table(path, block["words"]) + block["end"]
+        return block["start"] + _printed_table(path, block["words"]) + block["end"]
 
     return _BLOCK.sub(made_again, text)
 
 
-def _table(path: Path, words: str) -> str:
-    """What the command `words` of a document prints, as Markdown: text in a fence, or a Markdown table as it is."""
+def _table_options(path: Path, words: str) -> argparse.Namespace:
+    """The options of the command `words` of a document. `InputError` unless it is a `table` of one kind and of files,
+    as text or Markdown."""
     try:
         command, *rest = shlex.split(words)
     except ValueError as error:  # an open quote, or no word at all
@@ -133,15 +134,20 @@ def _table(path: Path, words: str) -> str:
     except argparse.ArgumentError as error:
         raise InputError(f"{path}: `neubtf-bench {words}`: {error}") from error
     kinds, sources = table.kinds_and_places(options.what)
-    kind = kinds[0] if kinds else None
-    format = options.format
-    if command != "table" or len(kinds) > 1 or not sources or unknown or format not in ("text", "markdown"):
+    if command != "table" or len(kinds) > 1 or not sources or unknown or options.format not in ("text", "markdown"):
         raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
-    choice = table.choice(options)
+    return options
+
+
+def _printed_table(path: Path, words: str) -> str:
+    """What the command `words` of a document prints, as Markdown: text in a fence, or a Markdown table as it is."""
+    options = _table_options(path, words)
+    kinds, sources = table.kinds_and_places(options.what)
+    kind = kinds[0] if kinds else None
     if kind == "parameters":
-        text = table.parameters_table(sources, format, choice)
+        text = table.parameters_table(sources, options.format, table.choice(options))
     else:
-        text = table_text(sources, format, kind, choice, options.all)
+        text = table_text(sources, options.format, kind, table.choice(options), options.all)
     if kind and not text.strip():
         text = f"No such table yet: {WHY_EMPTY[kind]}"
-    return f"{text}\n" if format == "markdown" else f"```\n{text}\n```\n"
+    return f"{text}\n" if options.format == "markdown" else f"```\n{text}\n```\n"

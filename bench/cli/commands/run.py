@@ -26,7 +26,7 @@ from bench.cli.commands import (
 from bench.cli.commands._scene import demand_file, scene_options
 from bench.cli.console import Console
 from bench.inputs.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
-from bench.records import Run, load_run
+from bench.records import load_run
 from bench.runs import executors, runner
 from bench.runs.executors import Seats
 from bench.runs.suite import described_changes, load_suite, require_materials, with_changes, with_metrics
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         require_materials(suite, "--material" if options.material else f"{options.suite}: materials")
     folder = options.out or Path("runs") / suite.name
     device = options.device if options.scheduler else usable_device(options.device)
-    seats = _workers(options, suite.threads)
+    seats = _workers_asked_for(options, suite.threads)
     outcomes: list[runner.Outcome] = []
     with Console() as console:
         demand = demand_file(options, folder, console)
@@ -89,7 +89,9 @@ def run(options: argparse.Namespace) -> int:
         written = write_report(folder)
         console.show("drawing tables, figures and pages", 1, 1)
     console.say(written.text)
-    console.say(_summary(outcomes, _timed_in_last_start(load_run(folder))))
+    recorded = load_run(folder)
+    timed = any(recorded.start_of(timing) is recorded.starts[-1] for timing in recorded.timings)
+    console.say(_summary(outcomes, timed))
     console.say(f"records, files, tables and pictures: {folder}")
     states = {outcome.record["status"] for outcome in outcomes}
     if "failed" in states:
@@ -105,13 +107,7 @@ def _changes(options: argparse.Namespace) -> dict[str, str]:
     return changes | read_as(options)
 
 
-def _timed_in_last_start(run: Run) -> bool:
-    """Whether the last start of a run measured times."""
-    last_start = run.starts[-1]["run"]
-    return any(timing.get("run") == last_start for timing in run.timings)
-
-
-def _workers(options: argparse.Namespace, threads: int) -> Seats | None:
+def _workers_asked_for(options: argparse.Namespace, threads: int) -> Seats | None:
     """The workers that run jobs with `threads` threads each, here or on Dask; None if the runner decides."""
     if options.resource and not options.scheduler:
         raise InputError("--resource: only for the workers of a Dask --scheduler: give it, or leave --resource out")

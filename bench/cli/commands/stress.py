@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
         print("\n".join(f"{case.group:<10}  {case.name:<{width}}  {case.holds}" for case in every))
         return FINE
     if options.query or options.data:
-        return _again(options)
+        return _try_again(options)
 
     # Try the catalogue on codecs and, unless only some extremes are asked for, the pictures on metrics and losses.
     codecs, cases = stress.chosen(options.codec, options.case)
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
     return NO if "fail" in verdicts else FINE
 
 
-def _again(options: argparse.Namespace) -> int:
+def _try_again(options: argparse.Namespace) -> int:
     """Try one query or one drawn material, in the form that a failed property prints, on each codec."""
     queries = _numbers("--query", options.query, float, 9)
     data = _numbers("--data", options.data, int, 6)

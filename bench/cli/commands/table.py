@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
         print(parameters_table(folders, options.format, chosen))
         return FINE
     if kind == "paper" and options.format != "raw":  # nor does this
-        print(_paper(folders, options.format, chosen, options.all))
+        print(_paper_table(folders, options.format, chosen, options.all))
         return FINE
     folders = folders or [_newest_run(kind)]
     text = table_text(folders, options.format, kind, chosen, options.all)
@@ -135,22 +135,16 @@ def _timed_jobs(run: Run, on_gpu: dict[str, Timing]) -> list[TimedJob]:
         if job["status"] != "ok":
             continue
         require(job, "tables", run.folder)
-        timed = cast(TimedJob, {**job, "ns": {}})
-        eager = run.timing(job)
-        if eager:
-            timed["ns"]["eager"] = eager["ns_per_sample"]
-        fused = fused_by_job.get(job["job"])
-        if fused:
-            timed["ns"]["fused"] = fused["ns_per_sample"]
         quickest = on_gpu.get(job["label"])
+        times = {"eager": run.timing(job), "fused": fused_by_job.get(job["job"]), "gpu": quickest}
+        timed = cast(TimedJob, {**job, "ns": {key: time["ns_per_sample"] for key, time in times.items() if time}})
         if quickest:
-            timed["ns"]["gpu"] = quickest["ns_per_sample"]
             timed["gpu"] = quickest["gpu"]
         jobs.append(timed)
     return jobs
 
 
-def _paper(folders: list[Path], format: str, choice: Choice | None, whole: bool) -> str:
+def _paper_table(folders: list[Path], format: str, choice: Choice | None, whole: bool) -> str:
     """The table of quality beside the paper's, and for each material that is not measured what is to be done.
 
     Without folders it is of runs/paper and runs/paper-nearest, as far as they are there.

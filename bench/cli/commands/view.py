@@ -73,8 +73,7 @@ def _models(options: argparse.Namespace, changes: dict[str, str], show: Progress
         models.append(Shown(f"{btf.name}, truth", program, common_exposure, note, slices=True))
     for file in map(load, options.files):
         drawn = _drawn(file, show)
-        if not common_exposure:
-            common_exposure = drawn.exposure
+        common_exposure = common_exposure or drawn.exposure
         label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
         if options.truth:
             require_same_size(file.header.path.name, file.material.size, btf)

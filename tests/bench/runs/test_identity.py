@@ -33,14 +33,14 @@ def package(tmp_path, monkeypatch):
 
 
 def forget():
-    for cached in (subject._identity, subject._source):
+    for cached in (subject._identity_of_modules, subject._digest_and_imports):
         cached.cache_clear()
 
 
 def identity_of(package):
     forget()
     importlib.invalidate_caches()
-    return subject._identity(frozenset({"mypackage.mine", "bench.codec", *subject.ALWAYS}))
+    return subject._identity_of_modules(frozenset({"mypackage.mine", "bench.codec", *subject.ALWAYS}))
 
 
 @pytest.mark.parametrize(
@@ -70,9 +70,9 @@ def test_libraries_that_shape_the_file_are_named(package):
 def test_a_codec_that_inherits_from_the_standard_library_has_the_same_identity_again():
     roots = frozenset({"abc", "bench.codec"})
     forget()
-    before = subject._identity(roots)
+    before = subject._identity_of_modules(roots)
     forget()
-    assert subject._identity(roots) == before
+    assert subject._identity_of_modules(roots) == before
 
 
 def changed_source(monkeypatch, tmp_path, module):

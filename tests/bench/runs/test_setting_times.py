@@ -239,7 +239,9 @@ def test_a_variant_that_ended_a_process_is_not_tried_again_and_one_that_fails_le
 
 
 def test_an_answer_that_is_off_is_told(timed):
-    material = next(iter(setting_times.contestants(parse_suite("s", SUITE), timed[0], "cpu", lambda *_: None).values()))
+    suite = parse_suite("s", SUITE)
+    surfaces = setting_times.surfaces_of(suite)
+    material = next(setting_times.decoded_settings(suite, surfaces, timed[0], "cpu", lambda *_: None)).material
     exact = copy.deepcopy(material).to(dtype=torch.float64)
     assert setting_variants.difference_from_exact(material, exact, "float32") <= 1
     wrong = copy.deepcopy(material)

@@ -184,7 +184,7 @@ def test_the_command_that_is_printed_is_what_a_shell_runs(tmp_path, monkeypatch,
     choice = row("pca", 36.0, 500, 100.0, codec="pca", settings={"components": 4}, device="cpu")
     suite = tmp_path / "own.toml"
     suite.write_text('materials = ["satin"]\ndata.validation = true\n[[codecs]]\ncodec = "pca"\n')
-    monkeypatch.setattr("bench.cli.commands.choose._measured", lambda *_: (usable_rungs([choice], "m"), []))
+    monkeypatch.setattr("bench.cli.commands.choose._measured_rungs", lambda *_: (usable_rungs([choice], "m"), []))
     append(tmp_path, {"kind": "job", "job": "m/pca/0", "material": "m", "label": "pca", "codec": "pca", "seed": 0,
                       "status": "failed", "error": "why"})  # fmt: skip
     (tmp_path / "my cloth; no; $HOME").mkdir()
