@@ -34,8 +34,8 @@ from bench.material import Material, texel_centres
 # Float32 sums of a few hundred terms in another order differ by about 1e-6 of their size; allow ten times that.
 ROUNDING = 1e-5
 QUERIES = 500  # random queries that most checks ask
-SETTING = math.radians(89.9)  # a light just above the horizon
-FADED = 0.01  # of the mean answer to the zenith, what may be left there
+GRAZING = math.radians(89.9)  # a light just above the horizon
+MOST_LEFT = 0.01  # at `GRAZING`, at most this share of the mean answer to a light at the zenith
 
 
 class NotApplicable(Exception):  # noqa: N818 (it is not an error)
@@ -294,11 +294,11 @@ def fades(tested: CodecUnderTest) -> None:
     """its answers fade as the light sets"""
     uv, wo, wi, footprint = tested.queries
     azimuth = wi[:, :2] / torch.linalg.vector_norm(wi[:, :2], dim=1, keepdim=True)
-    setting = torch.tensor(SETTING)
-    low = torch.cat([azimuth * setting.sin(), setting.cos().expand(len(uv), 1)], 1)
+    grazing = torch.tensor(GRAZING)
+    low = torch.cat([azimuth * grazing.sin(), grazing.cos().expand(len(uv), 1)], 1)
     high = torch.tensor([0.0, 0.0, 1.0]).expand(len(uv), 3)
     ours = tested.material.query(uv, wo, low, footprint).mean().item()
-    most = FADED * tested.material.query(uv, wo, high, footprint).mean().item()
+    most = MOST_LEFT * tested.material.query(uv, wo, high, footprint).mean().item()
     if not ours <= most:
         raise CheckError(f"with the light at 89.9° its mean answer is {ours:.3g}, more than the allowed {most:.3g}")
 

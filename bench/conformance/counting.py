@@ -15,7 +15,7 @@ from bench.codec import Parts
 from bench.codecs.container import PARTS
 from bench.material import Material, parameters
 
-MANY = 1_000  # the same number in a file so often is worth a word
+MANY = 1_000  # a number that a file repeats so often is worth a note
 
 
 def fault(material: Material, parts: Parts) -> str:

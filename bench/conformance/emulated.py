@@ -123,7 +123,8 @@ class HostGraph:
 
     def __init__(self) -> None:
         self.operations: list[Callable[[], Any]] = []
-        self.before: dict[int, tuple[torch.UntypedStorage, torch.UntypedStorage]] = {}  # memory, and what it held
+        # By address: memory that an operation overwrites, and a copy of what it held before the recording.
+        self.overwritten: dict[int, tuple[torch.UntypedStorage, torch.UntypedStorage]] = {}
 
     def __enter__(self) -> None:
         _recording.append(self)
@@ -131,15 +132,15 @@ class HostGraph:
     def __exit__(self, *error: object) -> None:
         """Leave all memory as it was before the recording."""
         _recording.pop()
-        for memory, held in self.before.values():
+        for memory, held in self.overwritten.values():
             if held.nbytes() == memory.nbytes():  # else it was made while recording, of no size at first
                 memory.copy_(held)
 
     def keep(self, tensor: Tensor) -> None:
         """Keep what the memory of a tensor of the device holds, before it is overwritten."""
         memory = tensor.untyped_storage().memory  # type: ignore[attr-defined]
-        if memory.data_ptr() not in self.before:
-            self.before[memory.data_ptr()] = memory, _clone(memory)
+        if memory.data_ptr() not in self.overwritten:
+            self.overwritten[memory.data_ptr()] = memory, _clone(memory)
 
     def replay(self) -> None:
         """Do all operations again."""

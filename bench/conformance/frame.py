@@ -187,7 +187,8 @@ MISTAKES: dict[str, Mistake] = {  # each possible mistake, by how a codec with i
     "without the cosine of ω_i": Mistake(_without_cosine, _cosine_twice),
     "with the cosine of ω_i twice": Mistake(_cosine_twice, _without_cosine),
 }
-# So near the truth that a blur lies toward it, too: its error must be far below that of the truth.
+# These lie so near the truth that a blurred answer leans toward them, too. So one is suspected only where the error
+# toward it is far below that toward the truth.
 LOGARITHM = "as log1p(radiance) for radiance (expm1 undoes it)"
 OF_GAIN = "as log1p(gain · radiance) / gain for radiance (to_radiance undoes it)"
 OF_GAIN_BARE = "as log1p(gain · radiance) for radiance (to_radiance undoes it)"

@@ -57,7 +57,7 @@ class Hemisphere(nn.Module):
         if not self.flat:
             self._triangulate(points.numpy())
 
-    # Only `points` is there where `flat`.
+    # Where `flat`, only `points` is set.
     triangles: Tensor  # (t, 3) indices of the samples at the corners
     edges: Tensor  # (e, 2, 2) the two ends of each edge of the hull, x and y
     candidates: Tensor  # (cells, k) triangles to search; see `_candidates`
@@ -149,8 +149,7 @@ class Hemisphere(nn.Module):
 def _candidates(corners: np.ndarray) -> np.ndarray:
     """For each cell of a grid over [−1, 1]², the triangles (cells, k) that may hold a point of it.
 
-    These are the triangles whose bounding boxes meet the cell; if there are none, the nearest one. Rows are padded by
-    repeating their first entry, which changes no answer.
+    These are the triangles whose bounding boxes meet the cell; if there are none, the nearest one.
     """
     low, high = corners.min(1), corners.max(1)  # of `corners` (t, 3, 2)
     slack = 1e-6  # a point on the border of a box may lie a rounding error beyond it
@@ -164,7 +163,15 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
     for row, column in np.argwhere(~met.any(2)):  # cells that no box meets
         distances = np.linalg.norm((middle[column], middle[row]) - centroids, axis=-1)
         met[row, column, distances.argmin()] = True
-    cell, triangle = np.nonzero(met.reshape(CELLS**2, -1))
+    return _listed(met.reshape(CELLS**2, -1))
+
+
+def _listed(met: np.ndarray) -> np.ndarray:
+    """The triangles (cells, k) that a mask (cells, triangles) marks, at least one in each cell.
+
+    Rows are padded by repeating their first entry, which changes no answer.
+    """
+    cell, triangle = np.nonzero(met)
     counts = np.bincount(cell)
     most = counts.max()
     if most > MOST_CANDIDATES:

@@ -37,7 +37,7 @@ GPU_BATCH = 1 << 20  # with fewer a GPU's time counts its launches
 FLOOR = "floor"
 
 Clock = Callable[[], int]  # tells a time on the CPU in ns
-SPAN_NS = 3_000_000  # an inner loop runs about this long: far above the clock's resolution, below what disturbs both
+SPAN_NS = 3_000_000  # an inner loop runs about this long: far above the clock's resolution, shorter than disturbances
 STABLE = 0.1  # a call is warm if two in a row differ by less
 MOST_WARM_UPS = 10
 

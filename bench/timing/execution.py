@@ -37,7 +37,7 @@ DTYPES = {"float32": torch.float32, "tf32": torch.float32, "bfloat16": torch.bfl
 # |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half
 # precisions promise it only for networks with a layer norm or without a sine: they cannot hold a phase of many turns.
 TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
-# Kernels of one function, of all materials of a process: of more, PyTorch would compute without a word as `eager` does.
+# The most kernels of one function in a process, whatever the materials. Beyond them PyTorch silently computes eagerly.
 MOST_RECOMPILES = 256
 LONG_CHUNK = 65_536  # for compiled half precisions on the CPU: small intermediates, but some overhead a call
 FUSED_CHUNK = 1 << 17  # on the CPU: long, because switching between PyTorch's and Dr.Jit's threads is slow

@@ -146,7 +146,7 @@ def _with_paths(run: Run, at_hand: _AtHand) -> Run:
 
 
 def _paths(job: Job) -> dict[str, str]:
-    """The paths of a job's artefacts, by field; the same fields may hold packed arrays, which are none."""
+    """The paths of a job's artefacts, by field; the same fields may hold packed arrays, which are no paths."""
     names = field_names(ARTEFACT)
     return {name: value for name, value in job.items() if name in names and isinstance(value, str)}
 

@@ -172,7 +172,7 @@ class Sheet:
     def layered(self) -> Iterator[Drawing]:
         """Within the `with`, the sheet as one drawing: its pictures, unchanged, below its texts.
 
-        They lie on the sheet's own drawing only for so long: the next file of it would have them twice.
+        Afterwards they are removed from the sheet's own drawing, whose next file would else have them twice.
         """
         axes = self.drawing.add_axes((0, 0, 1, 1), zorder=-1)
         axes.imshow(self.pixels, interpolation="none", aspect="auto")

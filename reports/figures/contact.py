@@ -50,7 +50,7 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     factor = factor_to(CELL, (height, width))
     cell_width = width * factor
     cell_height = height * factor
-    pair_width = 2 * cell_width + 2 * _GAP  # of two columns
+    pair_width = _pair_width(cell_width)
     title = f"{material.name}: slices as decoded, and FLIP maps"
     sheet = Sheet(_LEFT + count * pair_width, _TOP + (len(rows) + 1) * (cell_height + _GAP) + _BOTTOM)
     sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
@@ -61,25 +61,35 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
         sheet.text(left, _TOP - 18, angles_in_words("light", first["wi_deg"][place]))
         sheet.picture(left, _TOP, enlarged(first["truth"][place], factor))
     _label(sheet, "truth", _TOP + cell_height / 2)
-    # A row for each codec.
     for number, (row, pictures) in enumerate(rows, 1):
         top = _TOP + number * (cell_height + _GAP)
         _label(sheet, row.label, top + cell_height / 2)
         flip = scores_by_pair(run, row.job, row.metric(FLIP))
-        for place in range(count):
-            left = _LEFT + place * pair_width
-            sheet.picture(left, top, enlarged(pictures["decoded"][place], factor))
-            if "flip" not in pictures:  # FLIP maps are not made of very small slices
-                continue
-            sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][place], factor))
-            if "pairs" in pictures:
-                mean = flip.get(int(pictures["pairs"][place]))
-                _draw_mean(sheet, mean, right=left + 2 * cell_width, bottom=top + cell_height)
+        _draw_slices(sheet, pictures, flip, top, factor)
     flip_scale(sheet, _LEFT + cell_width + _MAP_GAP, _TOP + cell_height // 2, cell_width)
     if others:
         labels = [row.label for row in others]
         sheet.text(_GAP, sheet.height - _BOTTOM / 2, left_out_words(labels, sheet.width))
     return Figure(material.name, "contact", title, sheet.png(), sheet)
+
+
+def _draw_slices(sheet: Sheet, pictures: Arrays, flip: dict[int, float], top: int, factor: int) -> None:
+    """Draw a codec's slices and FLIP maps with their means, `flip` by pair, from `top` in pixels down."""
+    _, height, width = pictures["decoded"].shape[:3]
+    cell_width = width * factor
+    for place, decoded in enumerate(pictures["decoded"]):
+        left = _LEFT + place * _pair_width(cell_width)
+        sheet.picture(left, top, enlarged(decoded, factor))
+        if "flip" in pictures:  # FLIP maps are not made of very small slices
+            sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][place], factor))
+        if "flip" in pictures and "pairs" in pictures:
+            mean = flip.get(int(pictures["pairs"][place]))
+            _draw_mean(sheet, mean, right=left + 2 * cell_width, bottom=top + height * factor)
+
+
+def _pair_width(cell_width: int) -> int:
+    """The pixels from one slice, past its FLIP map, to the next slice."""
+    return 2 * (cell_width + _GAP)
 
 
 def _marked(stored: Arrays) -> Arrays:

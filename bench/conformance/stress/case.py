@@ -84,7 +84,7 @@ class Subject:
     stored: Parts | None = None  # tensors to use instead of those of the ordinary material's file
 
     @property
-    def fits(self) -> bool:
+    def has_steps(self) -> bool:
         """Whether the codec is fitted in steps."""
         return "steps" in vars(self.tested.codec.settings)
 
@@ -103,7 +103,7 @@ class Subject:
 
     def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
         """Encode with the codec's fit, or with `stretch` times its steps, then write, read and decode."""
-        if stretch > 1 and self.fits:
+        if stretch > 1 and self.has_steps:
             changes = {"steps": stretch * self.tested.codec.settings.steps} | changes
         codec = self.codec(**changes)
         path = self.tested.folder / f"stress{container.SUFFIX}"

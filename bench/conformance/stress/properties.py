@@ -55,7 +55,7 @@ def noise(height: int, width: int, views: int, lights: int, exponent: int, seed:
 
 def data_hold(subject: Subject, numbers: Sequence[int]) -> float:
     """The largest decoded value of a material that `noise` makes from six numbers; `CheckError` if a value is wrong."""
-    changes = {"steps": 10} if subject.fits else {}  # dozens of materials are fitted; quality is not asked here
+    changes = {"steps": 10} if subject.has_steps else {}  # dozens of materials are fitted; quality is not asked here
     encoded = subject.encode(noise(*numbers), **changes)
     decoded = encoded.decoded
     brightest = encoded.truth.max()
@@ -80,7 +80,7 @@ def drawn_data(subject: Subject) -> None:
     side = st.integers(1, 5)
     few = st.integers(1, 4)
     strategy = st.tuples(side, side, few, few, st.integers(-8, 6), st.integers(0, 1000))
-    _search(subject, "data", strategy, 12 if subject.fits else 60, data_hold)  # fits in steps take longer
+    _search(subject, "data", strategy, 12 if subject.has_steps else 60, data_hold)  # fits in steps take longer
 
 
 def _hypothesis() -> Any:

@@ -99,7 +99,9 @@ LOSSES = {
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("kind", ["metric", "loss"])
 def test_what_breaks_there_fails(name, kind):
-    test = partial(metrics.check_metric, METRICS[name]) if kind == "metric" else partial(metrics.check_loss, LOSSES[name])
+    test = (
+        partial(metrics.check_metric, METRICS[name]) if kind == "metric" else partial(metrics.check_loss, LOSSES[name])
+    )
     with np.errstate(all="ignore"):
         result = metrics.judge(test, CASES[name])
         assert result.verdict == "fail", result
