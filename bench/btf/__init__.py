@@ -69,9 +69,8 @@ def in_float32(values: Array, label: str) -> Array:
         too_large = np.isinf(converted) & np.isfinite(values)
         if too_large.any():
             largest = float(np.abs(values[too_large]).max())
-            fault = (
-                f"{np.count_nonzero(too_large)} of {values.size} values are beyond float32, the largest {largest:.3g}"
-            )
+            count = f"{np.count_nonzero(too_large)} of {values.size} values"
+            fault = f"{count} are beyond float32, the largest {largest:.3g}"
             raise InputError(f"{label}: {fault}: multiply all by {1 / largest:.0e} in float64")
     return converted
 
@@ -481,10 +480,10 @@ class BTF:
             heldout = {"heldout": np.flatnonzero(self.heldout)}
             return Split(np.flatnonzero(train), heldout, np.flatnonzero(choosing), np.flatnonzero(low))
         rng = np.random.default_rng(seed)
-        # Masks (N,) of the pairs whose view, or whose light, is held out.
-        new_view = _heldout_directions(rng, len(self.layout.views), self.holdout)[self.layout.view]
-        new_light = _heldout_directions(rng, len(self.layout.lights), self.holdout)[self.layout.light]
-        trained = ~new_view & ~new_light
+        # Masks (N,) of the pairs whose view, or whose light, is drawn to be held out.
+        drawn_view = _heldout_directions(rng, len(self.layout.views), self.holdout)[self.layout.view]
+        drawn_light = _heldout_directions(rng, len(self.layout.lights), self.holdout)[self.layout.light]
+        trained = ~drawn_view & ~drawn_light
         if len(self) and not trained.any():
             raise InputError(f"{self.name}: data.holdout={self.holdout:g} leaves no pairs to train on: lower it")
         # Of scattered pairs a held-out view takes its light with it, which is then new, too.
@@ -500,8 +499,8 @@ class BTF:
 
 
 def _heldout_directions(rng: np.random.Generator, count: int, share: float) -> Array:
-    """Mask (count,) of the held-out directions of one side; at least one where there are four or more, none of them
-    if the share is 0."""
+    """Mask (count,) of the held-out directions of one side: none if they are fewer than four, or the share is 0; else
+    at least one."""
     mask = np.zeros(count, bool)
     if share and count >= 4:
         chosen = max(1, round(count * share))

@@ -13,8 +13,8 @@ from bench.btf import BTF, Array
 def write_npz(btf: BTF, path: str | Path, slices: Iterable[Array] | None = None) -> None:
     """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so memory stays small.
 
-    Of the masks it has `heldout` alone: a reader takes validation pairs and those of low light for training pairs.
-    `slices` are those of the BTF, by default as it gives them: another iterator can watch how many were written.
+    `heldout` is the only mask in it: a reader takes validation pairs and those of low light for training pairs.
+    `slices` are those of the BTF; a caller that counts how many are written passes an iterator of its own over them.
     """
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
         with archive.open("radiance.npy", "w", force_zip64=True) as stream:

@@ -17,7 +17,7 @@ TOGETHER = 64  # pairs of a block, at most
 BLOCK = 256 << 20  # bytes of a block, at most, where it holds more than one pair
 LARGEST = float(np.finfo(np.float16).max)
 LEAST = float(np.finfo(np.float16).smallest_normal)  # below it, halves round to less than 11 bits
-DIM = 0.01  # of measurements with values around 1, at most 0.0004 of the values lie below `LEAST`
+DIM = 0.01  # the most that may lie below `LEAST`, as a share: of measurements with values around 1, 0.0004 do at most
 
 
 def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int]) -> Array:

@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF, ArraySource
-from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
+from bench.codec import Codec, Fit, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, own_frames, threads_left
 from bench.conformance import counting, emulated, frame
@@ -34,8 +34,8 @@ from bench.material import Material, texel_centres
 # Float32 sums of a few hundred terms in another order differ by about 1e-6 of their size; allow ten times that.
 ROUNDING = 1e-5
 QUERIES = 500  # random queries that most checks ask
-SETTING = math.radians(89.9)  # a light just above the horizon
-FADED = 0.01  # of the mean answer to the zenith, what may be left there
+GRAZING = math.radians(89.9)  # a light just above the horizon
+MOST_LEFT = 0.01  # at `GRAZING`, at most this share of the mean answer to a light at the zenith
 
 
 class NotApplicable(Exception):  # noqa: N818 (it is not an error)
@@ -68,8 +68,7 @@ def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarr
 
 
 def others(btf: BTF) -> list[BTF]:
-    """Five materials beside a BTF, on which a network shared over materials is trained: its colours in every other
-    order."""
+    """Five materials that a shared network is trained on beside a BTF: its colour channels in every other order."""
     values = np.stack(list(btf))
     recoloured = []
     _, *orders = itertools.permutations(range(3))  # the first is the order that the BTF has
@@ -84,7 +83,7 @@ class CodecUnderTest:
     """One codec under test, encoded once."""
 
     codec: Codec
-    folder: Path
+    folder: Path  # for its files
     trained: TrainedNetwork | None = None  # the shared network to use; None: the one that `shared` finds
     show: Progress = silent
     moved_to: str = ""  # the working directory that the codec left behind
@@ -102,15 +101,15 @@ class CodecUnderTest:
     def encode(self, name: str, btf: BTF | None = None) -> container.Header:
         """Encode a BTF, by default the small material, into a file of that name."""
         fit = Fit(seed=1, network=self.network, show=self.show)
-        folder = os.getcwd()
+        before = os.getcwd()
         # Not by `fit_to_file`, which restores the random state of the process after a fit. Here that state moves on:
         # so a codec that draws from it, and not from its seed, writes another file the second time, which is an error.
-        # Fits need gradients, even if the caller has switched them off. `chdir` returns to the folder at the end.
-        with chdir(folder), torch.enable_grad():
+        # Fits need gradients, even if the caller has switched them off. `chdir` returns to where it was at the end.
+        with chdir(before), torch.enable_grad():
             parts = fit_codec(self.codec, btf or self.btf, fit).parts
-            folder_now = _folder_in_words()
-            if folder_now != folder:
-                self.moved_to = folder_now
+            after = _working_directory()
+            if after != before:
+                self.moved_to = after
         return container.save(self.folder / name, self.codec, parts)
 
     @cached_property
@@ -153,7 +152,7 @@ class CodecUnderTest:
             return self.material.query(*self.queries)
 
 
-def _folder_in_words() -> str:
+def _working_directory() -> str:
     """The working directory of this process, for a message: it may be gone."""
     try:
         return os.getcwd()
@@ -161,13 +160,16 @@ def _folder_in_words() -> str:
         return "a folder that is gone"
 
 
+def _difference(ours: Tensor, theirs: Tensor, tolerance: float) -> tuple[float, float]:
+    """How far two answers differ at most, and may: `tolerance` times the larger of 1 and the largest of `theirs`."""
+    return (ours - theirs).abs().max().item(), tolerance * max(1.0, theirs.abs().max().item())
+
+
 def _require_same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:
-    """Raise `CheckError` unless two answers have the same shape, and differ at most by `tolerance` times the larger of
-    1 and the largest of `theirs`."""
+    """Raise `CheckError` unless two answers have the same shape, and differ by no more than `_difference` allows."""
     if ours.shape != theirs.shape:
         raise CheckError(f"{what}: answers have the shape {tuple(ours.shape)}, not {tuple(theirs.shape)}")
-    worst = (ours - theirs).abs().max().item()
-    allowed = tolerance * max(1.0, theirs.abs().max().item())
+    worst, allowed = _difference(ours, theirs, tolerance)
     if not worst <= allowed:  # NaN is no agreement
         raise CheckError(f"{what}: answers differ by {worst:.3g}, allowed {allowed:.3g}", f"{worst:.2g}")
 
@@ -292,11 +294,11 @@ def fades(tested: CodecUnderTest) -> None:
     """its answers fade as the light sets"""
     uv, wo, wi, footprint = tested.queries
     azimuth = wi[:, :2] / torch.linalg.vector_norm(wi[:, :2], dim=1, keepdim=True)
-    setting = torch.tensor(SETTING)
-    low = torch.cat([azimuth * setting.sin(), setting.cos().expand(len(uv), 1)], 1)
+    grazing = torch.tensor(GRAZING)
+    low = torch.cat([azimuth * grazing.sin(), grazing.cos().expand(len(uv), 1)], 1)
     high = torch.tensor([0.0, 0.0, 1.0]).expand(len(uv), 3)
     ours = tested.material.query(uv, wo, low, footprint).mean().item()
-    most = FADED * tested.material.query(uv, wo, high, footprint).mean().item()
+    most = MOST_LEFT * tested.material.query(uv, wo, high, footprint).mean().item()
     if not ours <= most:
         raise CheckError(f"with the light at 89.9° its mean answer is {ours:.3g}, more than the allowed {most:.3g}")
 
@@ -324,8 +326,8 @@ def encodes(tested: CodecUnderTest) -> None:
 
 def repeats(tested: CodecUnderTest) -> None:
     """the same queries get the same answers"""
-    worst = (tested.material.query(*tested.queries) - tested.answers).abs().max().item()
-    if not worst <= ROUNDING * max(1.0, tested.answers.abs().max().item()):
+    worst, allowed = _difference(tested.material.query(*tested.queries), tested.answers, ROUNDING)
+    if not worst <= allowed:
         what = f"other answers to the same queries (they differ by {worst:.2g})"
         raise answered(tested.material.evaluate, what, "the same answer (a decoder draws no random numbers)")
 
@@ -341,13 +343,13 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
         with emulated.emulated() as device, torch_threads(1):
             fit_to_file(codec, tested.btf, Fit(seed=1, network=tested.network, device=device), path)
             _, parts = container.read_parts(path)
-            material = _decoded_on(device, codec, replace(parts, network=tested.network), queries)
-            answers = material.query(*(column.to(device) for column in queries)).cpu()
+            material = loading.decoded(codec, replace(parts, network=tested.network), device)
+            answers = _answers_on(device, material, codec, queries)
             material.slice(tested.btf.wo[0].tolist(), tested.btf.wi[0].tolist())
     except emulated.NoEmulationError as error:
         raise NotApplicable(str(error)) from error
     except RuntimeError as error:
-        _name_the_tensor(error, codec)
+        _refuse_tensor_of_cpu(error, codec)
         raise
     on_the_cpu = loading.load(path, network=tested.network).material
     _require_same("on the GPU", answers, on_the_cpu.query(*queries), ROUNDING)
@@ -361,8 +363,8 @@ def _in_few_steps(codec: Codec) -> Codec:
     return type(codec)(**settings)
 
 
-def _name_the_tensor(error: RuntimeError, codec: Codec) -> None:
-    """Raise a `CheckError` that names the tensor of the CPU which an operation met, if a line of the codec has it."""
+def _refuse_tensor_of_cpu(error: RuntimeError, codec: Codec) -> None:
+    """Raise a `CheckError` that names the CPU's tensor which caused an error, if a line of the codec has one."""
     frames = list(own_frames(error, codec))
     if emulated.DIFFERENT not in str(error).lower() or not frames:
         return
@@ -373,20 +375,18 @@ def _name_the_tensor(error: RuntimeError, codec: Codec) -> None:
         raise CheckError(f"{left} on the CPU: {remedy} ({error_in_words(error, codec)})") from error
 
 
-def _decoded_on(device: torch.device, codec: Codec, parts: Parts, queries: list[Tensor]) -> Material:
-    """The material on a device, or a `CheckError` that names what its decoder leaves on the CPU."""
-    material = loading.decoded(codec, parts, device)
+def _answers_on(device: torch.device, material: Material, codec: Codec, queries: list[Tensor]) -> Tensor:
+    """The answers of a material on a device, or a `CheckError` that names what its decoder leaves on the CPU."""
     left = ", ".join(f"`{name}`" for name in emulated.left_behind(material))
+    if not is_gpu(material.device):
+        what = f"leaves {left} on the CPU" if left else "does not tell its material that it is on a GPU"
+        raise CheckError(f"your decoder {what}: return `material.to(device)`")
     try:
-        if is_gpu(material.device):
-            material.query(*(column.to(device) for column in queries))
-            return material
+        return material.query(*(column.to(device) for column in queries)).cpu()
     except RuntimeError as error:
         if not left:
             raise
         raise CheckError(f"your decoder leaves {left} on the CPU ({error_in_words(error, codec)})") from error
-    what = f"leaves {left} on the CPU" if left else "does not tell its material that it is on a GPU"
-    raise CheckError(f"your decoder {what}: return `material.to(device)`")
 
 
 def framed(tested: CodecUnderTest) -> str | None:
@@ -395,7 +395,7 @@ def framed(tested: CodecUnderTest) -> str | None:
     for words, mistake in answers.suspicions():
         if tested.answers_given(mistake.undone).error() < frame.PROVEN * answers.error():
             raise CheckError(words)
-    undecided = answers.undecided()  # other arrangements, with which the answers are about the same
+    undecided = answers.undecided()
     if not undecided:
         return None
     count = f"{len(undecided)} mistake{'s' if len(undecided) > 1 else ''}"

@@ -15,7 +15,7 @@ from bench.codec import Parts
 from bench.codecs.container import PARTS
 from bench.material import Material, parameters
 
-MANY = 1_000  # the same number in a file so often is worth a word
+MANY = 1_000  # a number that a file repeats so often is worth a note
 
 
 def fault(material: Material, parts: Parts) -> str:
@@ -54,24 +54,24 @@ def _fault_of_textures(material: Material, texture: dict[str, Tensor]) -> str:
     declared = material.cost
     held = held_floats(material)
     floats = texture_floats(texture)
-    channels = texture_channels(texture, material.size)
     if declared.texture_floats not in floats and declared.texture_floats != held:
         fewest, most = floats[0], floats[-1]
         stores = f"{fewest:,}" if fewest == most else f"{fewest:,} to {most:,}"
         return f"declares {declared.texture_floats:,} numbers in textures, stores {stores} and holds {held:,}"
+    channels = texture_channels(texture, material.size)
     if channels is not None and declared.texture_channels != channels:
         return f"declares {declared.texture_channels:,} texture channels, stores {channels:,}"
     return ""
 
 
 def constant_bytes(parts: Parts) -> dict[str, int]:
-    """The bytes of each tensor of a file, `part/name`, that holds one number at least `MANY` times."""
-    found = {}
+    """The bytes of each tensor of a file, `part/name`, that repeats one number at least `MANY` times, and no other."""
+    sizes = {}
     for part in PARTS:
         for name, values in getattr(parts, part).items():
             if values.numel() >= MANY and bool((values == values.flatten()[0]).all()):
-                found[f"{part}/{name}"] = values.nbytes
-    return found
+                sizes[f"{part}/{name}"] = values.nbytes
+    return sizes
 
 
 def decoder_floats(decoder: dict[str, Tensor]) -> range:
@@ -93,7 +93,7 @@ def decoder_floats(decoder: dict[str, Tensor]) -> range:
 
 def _plain_numbers(tensors: dict[str, Tensor]) -> int:
     """The numbers in all tensors but those that may be packed."""
-    return sum(values.numel() for values in tensors.values() if not _packed(values))
+    return sum(values.numel() for values in tensors.values() if not _may_be_packed(values))
 
 
 def texture_floats(texture: dict[str, Tensor]) -> range:
@@ -105,14 +105,14 @@ def texture_floats(texture: dict[str, Tensor]) -> range:
     return _with_packed(counted, texture)
 
 
-def _packed(values: Tensor) -> bool:
+def _may_be_packed(values: Tensor) -> bool:
     """Whether a tensor may hold indices packed into bytes: a vector of whole numbers."""
     return values.ndim < 2 and not values.is_floating_point()
 
 
 def _with_packed(counted: int, tensors: dict[str, Tensor]) -> range:
     """The range of `counted` numbers and those packed into vectors of bytes; a packed index has 1 to 32 bits."""
-    bits = 8 * sum(values.nbytes for values in tensors.values() if _packed(values))
+    bits = 8 * sum(values.nbytes for values in tensors.values() if _may_be_packed(values))
     fewest = counted + math.ceil(bits / 32)
     most = counted + bits
     return range(fewest, most + 1)
@@ -136,8 +136,8 @@ def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int |
     The finest textures are those of (H, W), or where every texture is coarser, the largest of them.
     """
     shapes = [tuple(values.shape) for values in texture.values() if values.ndim != 1]
-    channels = [_channels(shape, size) for shape in shapes]
-    packed = any(_packed(values) for values in texture.values() if values.ndim == 1)
+    channels = [_channels_of_shape(shape, size) for shape in shapes]
+    packed = any(_may_be_packed(values) for values in texture.values() if values.ndim == 1)
     if packed or None in channels:
         return None
     full = sum(count for count in channels if count)  # of textures of (H, W)
@@ -148,9 +148,11 @@ def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int |
     return sum(math.prod(shape[2:]) for shape in shapes if math.prod(shape[:2]) == largest)
 
 
-def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
-    """The channels of one tensor: its shape contains `size` (H, W), or its rows are the texels of all levels. 0 for a
-    coarser texture, None for another layout."""
+def _channels_of_shape(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
+    """The numbers a texel of a tensor whose shape contains `size` (H, W), or whose rows are the texels of all levels.
+
+    0 for a coarser texture, None for another layout.
+    """
     pairs_of_sides = [shape[place : place + 2] for place in range(len(shape) - 1)]
     if size in pairs_of_sides:  # H and W follow each other
         return math.prod(shape) // math.prod(size)

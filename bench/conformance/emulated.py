@@ -123,7 +123,8 @@ class HostGraph:
 
     def __init__(self) -> None:
         self.operations: list[Callable[[], Any]] = []
-        self.before: dict[int, tuple[torch.UntypedStorage, torch.UntypedStorage]] = {}  # memory, and what it held
+        # By address: memory that an operation overwrites, and a copy of what it held before the recording.
+        self.overwritten: dict[int, tuple[torch.UntypedStorage, torch.UntypedStorage]] = {}
 
     def __enter__(self) -> None:
         _recording.append(self)
@@ -131,15 +132,15 @@ class HostGraph:
     def __exit__(self, *error: object) -> None:
         """Leave all memory as it was before the recording."""
         _recording.pop()
-        for memory, held in self.before.values():
+        for memory, held in self.overwritten.values():
             if held.nbytes() == memory.nbytes():  # else it was made while recording, of no size at first
                 memory.copy_(held)
 
     def keep(self, tensor: Tensor) -> None:
         """Keep what the memory of a tensor of the device holds, before it is overwritten."""
         memory = tensor.untyped_storage().memory  # type: ignore[attr-defined]
-        if memory.data_ptr() not in self.before:
-            self.before[memory.data_ptr()] = memory, _clone(memory)
+        if memory.data_ptr() not in self.overwritten:
+            self.overwritten[memory.data_ptr()] = memory, _clone(memory)
 
     def replay(self) -> None:
         """Do all operations again."""
@@ -230,8 +231,7 @@ class _Operands:
         """`op` is an operation of PyTorch, one overload of it."""
         self.op = op
         self.name = op._schema.name
-        # By the id of a tensor of the CPU that the operation is given: this tensor, and the device's that it stands
-        # for.
+        # By the id of a CPU tensor that the operation is given: this tensor, and the device's that it stands for.
         self.lowered_tensors: dict[int, tuple[Tensor, Tensor]] = {}
         # By the address of a storage of the CPU (`_cdata`): the device's storage over the same memory.
         self.storages: dict[int, Any] = {}
@@ -245,18 +245,18 @@ class _Operands:
             return torch.device("cpu")
         if not isinstance(value, Tensor):
             return value
-        if not _on_device(value):
-            takes_numbers = torch.Tag.pointwise in self.op.tags or self.name in _OF_NUMBERS
-            if value.ndim == 0 and takes_numbers:  # a number, which the host passes to the kernel
-                return value
-            if self.name in _INDEXING and position == 1:  # the indices, the second argument, which a GPU copies
-                _copy_noted("an index", value)
-                return value
-            raise RuntimeError(f"{self.name}: {DIFFERENT} on {NAME}, but one is on {value.device}")
-        host = _host(value)
-        self.lowered_tensors[id(host)] = host, value
-        self.storages[host.untyped_storage()._cdata] = value.untyped_storage()
-        return host
+        if _on_device(value):
+            host = _host(value)
+            self.lowered_tensors[id(host)] = host, value
+            self.storages[host.untyped_storage()._cdata] = value.untyped_storage()
+            return host
+        takes_numbers = torch.Tag.pointwise in self.op.tags or self.name in _OF_NUMBERS
+        if value.ndim == 0 and takes_numbers:  # a number, which the host passes to the kernel
+            return value
+        if self.name in _INDEXING and position == 1:  # the indices, the second argument, which a GPU copies
+            _count_copy("an index", value)
+            return value
+        raise RuntimeError(f"{self.name}: {DIFFERENT} on {NAME}, but one is on {value.device}")
 
     def raised(self, value: Any) -> Any:
         """A result of the CPU as a tensor of the device: the one that was given, if it was written in place."""
@@ -267,8 +267,7 @@ class _Operands:
             storage = self.storages.get(value.untyped_storage()._cdata)
             return _device(value, storage)
         host, ours = self.lowered_tensors[id(value)]  # an argument, written in place
-        same_size = ours.shape == host.shape and ours.untyped_storage().nbytes() == host.untyped_storage().nbytes()
-        if same_size:
+        if ours.shape == host.shape and ours.untyped_storage().nbytes() == host.untyped_storage().nbytes():
             return ours
         return _device(host, out=ours)  # it was resized, so the device's has to follow
 
@@ -301,12 +300,11 @@ def _computed(op: Any, *args: Any, **kwargs: Any) -> Any:
 def _accepting(op: Any, args: Sequence[Any]) -> Callable[..., Any]:
     """The operation in a form that takes these arguments: PyTorch wraps a number as a tensor for some overloads, and
     unwraps it again for a kernel in Python, so that only another overload takes it."""
+    accepting: Callable[..., Any] = op
     for declared, given in zip(op._schema.arguments, args, strict=False):
         if str(declared.type) == "Tensor" and isinstance(given, int | float):
-            overloads: Callable[..., Any] = op._overloadpacket
-            return overloads
-    same: Callable[..., Any] = op
-    return same
+            accepting = op._overloadpacket
+    return accepting
 
 
 def _keep_written(op: Any, args: Sequence[Any], kwargs: dict[str, Any]) -> None:
@@ -333,7 +331,7 @@ def _record(name: str, compute: Callable[[], Any], results: Any) -> None:
     _recording[-1].operations.append(again)
 
 
-def _copy_noted(what: str, tensor: Tensor, waits: bool = True) -> None:
+def _count_copy(what: str, tensor: Tensor, waits: bool = True) -> None:
     """Count a copy between host and device, and by default that the host waits for it."""
     for traffic in _traffic:
         traffic.copied += tensor.nbytes
@@ -355,9 +353,9 @@ def _copied(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tenso
         for traffic in _traffic:
             traffic.kernels["aten::copy_"] += 1
     elif to_device:
-        _copy_noted("up", source, waits=not non_blocking)
+        _count_copy("up", source, waits=not non_blocking)
     else:
-        _copy_noted("down", source)
+        _count_copy("down", source)
     return target
 
 

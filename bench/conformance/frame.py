@@ -187,7 +187,8 @@ MISTAKES: dict[str, Mistake] = {  # each possible mistake, by how a codec with i
     "without the cosine of ω_i": Mistake(_without_cosine, _cosine_twice),
     "with the cosine of ω_i twice": Mistake(_cosine_twice, _without_cosine),
 }
-# So near the truth that a blur lies toward it, too: its error must be far below that of the truth.
+# These lie so near the truth that a blurred answer leans toward them, too. So one is suspected only where the error
+# toward it is far below that toward the truth.
 LOGARITHM = "as log1p(radiance) for radiance (expm1 undoes it)"
 OF_GAIN = "as log1p(gain · radiance) / gain for radiance (to_radiance undoes it)"
 OF_GAIN_BARE = "as log1p(gain · radiance) for radiance (to_radiance undoes it)"
@@ -243,8 +244,7 @@ class FrameAnswers:
         return cls(decoded.query(*queries, footprint=1 / max(SHAPE)).double(), queries)
 
     def share(self, wrong: Tensor) -> float:
-        """How far the answers lie on the way from the truth, 0, to a wrong arrangement of it (n, 3), 1: see the
-        module."""
+        """How far the answers lie on the way from the truth, 0, to a wrong arrangement (n, 3), 1: see the module."""
         right = truth(*self.queries).double()
         way = wrong.double() - right
         return float(((self.answers - right) * way).sum() / way.square().sum())
@@ -264,17 +264,19 @@ class FrameAnswers:
 
     def suspicions(self) -> list[tuple[str, Mistake]]:
         """The mistakes that the answers suggest, each with what to say of it, the likeliest first."""
-        found = [(description, MISTAKES[description]) for description, share in self.shares().items() if share > WRONG]
+        suspected = {
+            description: MISTAKES[description] for description, share in self.shares().items() if share > WRONG
+        }
         for description, mistake in logarithms().items():
             if self.error(mistake.answers) < FAR_BELOW * self.error():
-                found.append((description, mistake))
+                suspected[description] = mistake
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE and scale > 0:
             of_scale = _curved(lambda values: values * scale, lambda values: values / scale)
-            found.append((f"as {scale:.3g} times the truth", of_scale))
-        found.sort(key=lambda each: self.error(each[1].answers))
-        return [(REMEDIES.get(name, f"your answers fit better {name}"), mistake) for name, mistake in found]
+            suspected[f"as {scale:.3g} times the truth"] = of_scale
+        likeliest = sorted(suspected.items(), key=lambda each: self.error(each[1].answers))
+        return [(REMEDIES.get(name, f"your answers fit better {name}"), mistake) for name, mistake in likeliest]
 
     def undecided(self) -> list[str]:
-        """The arrangements that the answers do not distinguish from the truth."""
+        """The wrong arrangements to which the answers are about as near as to the truth."""
         return [description for description, share in self.shares().items() if share > RIGHT]

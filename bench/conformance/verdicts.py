@@ -79,11 +79,10 @@ def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result
         """Run a check; the detail is its note."""
         return Measured(detail=promise(tested) or "")
 
+    field_of_detail = {"fail": "failure", "n/a": "reason", "pass": "note"}  # by verdict
     for promise in checks:
         verdict = verdict_of(partial(with_note, promise), NotApplicable, partial(error_in_words, codec=tested.codec))
-        # The field of the result in which the verdict's detail stands.
-        field = {"fail": "failure", "n/a": "reason", "pass": "note"}[verdict.verdict]
-        yield Result(promise.__doc__ or promise.__name__, **{field: verdict.detail})
+        yield Result(promise.__doc__ or promise.__name__, **{field_of_detail[verdict.verdict]: verdict.detail})
 
 
 def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
@@ -95,16 +94,16 @@ def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
     for case in followed(tested.show, cases, "extremes", len(cases)):
         verdict = stress.judge(case, subject)
         first = first_with.setdefault(verdict.detail, case.name)
-        failure = reason = ""
-        if verdict.verdict == "fail":
-            failure = verdict.detail if first == case.name else f"the same as for {first!r}"
-            failure += met_by_others(case.name)
-            if case.group == "data":  # only these are of quality
-                failure += hint
-                hint = ""
-        elif verdict.verdict == "n/a":
-            reason = verdict.detail
-        yield Result(f"{case.name}: {case.holds}", failure, reason)
+        promise = f"{case.name}: {case.holds}"
+        if verdict.verdict != "fail":
+            yield Result(promise, reason=verdict.detail if verdict.verdict == "n/a" else "")
+            continue
+        failure = verdict.detail if first == case.name else f"the same as for {first!r}"
+        failure += met_by_others(case.name)
+        if case.group == "data":  # only these are of quality
+            failure += hint
+            hint = ""
+        yield Result(promise, failure)
 
 
 def stress_reference() -> Path:

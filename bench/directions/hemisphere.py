@@ -12,9 +12,9 @@ from bench.btf import Array
 
 def from_angles(theta: ArrayLike, phi: ArrayLike) -> Array:
     """Unit vectors (..., 3) float32 of polar angle θ and azimuth φ, in radians."""
-    theta, phi = np.asarray(theta, np.float64), np.asarray(phi, np.float64)
-    sin = np.sin(theta)
-    return np.stack([sin * np.cos(phi), sin * np.sin(phi), np.cos(theta)], -1).astype(np.float32)
+    polar, azimuth = np.asarray(theta, np.float64), np.asarray(phi, np.float64)
+    sin = np.sin(polar)
+    return np.stack([sin * np.cos(azimuth), sin * np.sin(azimuth), np.cos(polar)], -1).astype(np.float32)
 
 
 def from_degrees(theta_deg: ArrayLike, phi_deg: ArrayLike) -> Array:

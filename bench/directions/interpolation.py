@@ -57,7 +57,7 @@ class Hemisphere(nn.Module):
         if not self.flat:
             self._triangulate(points.numpy())
 
-    # Only `points` is there where `flat`.
+    # Where `flat`, only `points` is set.
     triangles: Tensor  # (t, 3) indices of the samples at the corners
     edges: Tensor  # (e, 2, 2) the two ends of each edge of the hull, x and y
     candidates: Tensor  # (cells, k) triangles to search; see `_candidates`
@@ -70,8 +70,8 @@ class Hemisphere(nn.Module):
         corners = points[triangles]  # (t, 3, 2)
         # (t, 2, 2), an edge a column.
         spans = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1)
-        sound = np.abs(np.linalg.det(spans)) > 1e-9  # Qhull keeps degenerate slivers of collinear rings; drop them
-        triangles, corners, spans = triangles[sound], corners[sound], spans[sound]
+        has_area = np.abs(np.linalg.det(spans)) > 1e-9  # Qhull keeps degenerate slivers of collinear rings; drop them
+        triangles, corners, spans = triangles[has_area], corners[has_area], spans[has_area]
         inverse = np.linalg.inv(spans)
         # Barycentric (b1, b2) = inverse @ (p − corner0) as one affine map a triangle: [2, 3].
         affine = np.concatenate([inverse, -(inverse @ corners[:, 0, :, None])], -1)
@@ -91,10 +91,10 @@ class Hemisphere(nn.Module):
 
     def _barycentric(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """The triangle (n,) that holds each point (n, 2), or the candidate nearest to it, and its weights (n, 3)."""
-        triangle, weights = _in_blocks(self._searched, self.candidates.shape[1], points)
+        triangle, weights = _in_blocks(self._best_candidate, self.candidates.shape[1], points)
         return triangle, weights
 
-    def _searched(self, points: Tensor) -> tuple[Tensor, Tensor]:
+    def _best_candidate(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """What `_barycentric` promises, for one block of points: the candidate whose least weight is largest. Inside a
         triangle no weight is negative."""
         cell = ((points + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1)  # column and row; rows go up with y
@@ -111,9 +111,9 @@ class Hemisphere(nn.Module):
 
     def _onto_hull(self, points: Tensor) -> Tensor:
         """The point on the border of the hull (n, 2) that is nearest to each point (n, 2)."""
-        return _in_blocks(self._projected, len(self.edges), points)[0]
+        return _in_blocks(self._nearest_on_border, len(self.edges), points)[0]
 
-    def _projected(self, points: Tensor) -> tuple[Tensor]:
+    def _nearest_on_border(self, points: Tensor) -> tuple[Tensor]:
         """What `_onto_hull` promises, for one block of points; a tuple, as `_in_blocks` needs it."""
         start, end = self.edges[:, 0], self.edges[:, 1]  # (e, 2) each
         along = end - start
@@ -123,7 +123,7 @@ class Hemisphere(nn.Module):
         best = (points[:, None] - nearest).square().sum(-1).argmin(1)
         return (nearest[torch.arange(len(points), device=points.device), best],)
 
-    def _nearest(self, points: Tensor) -> tuple[Tensor]:
+    def _nearest_sample(self, points: Tensor) -> tuple[Tensor]:
         """The index (n, 1) of the sample nearest to each point (n, 2) of a block; a tuple, as `_in_blocks` needs it."""
         return (torch.cdist(points, self.points.to(points.dtype)).argmin(1, keepdim=True),)
 
@@ -131,7 +131,7 @@ class Hemisphere(nn.Module):
         """Samples of queries (n, 3) and their weights, which add up to one: (n, 3), or (n, 1) without a triangle."""
         points = stereographic(queries)
         if self.flat:
-            (index,) = _in_blocks(self._nearest, len(self.points), points)
+            (index,) = _in_blocks(self._nearest_sample, len(self.points), points)
             return Weights(index, torch.ones_like(index, dtype=points.dtype))
         triangle, weights = self._barycentric(points)
         outside = weights.amin(1) < -ROUNDING
@@ -149,8 +149,7 @@ class Hemisphere(nn.Module):
 def _candidates(corners: np.ndarray) -> np.ndarray:
     """For each cell of a grid over [−1, 1]², the triangles (cells, k) that may hold a point of it.
 
-    These are the triangles whose bounding boxes meet the cell; if there are none, the nearest one. Rows are padded by
-    repeating their first entry, which changes no answer.
+    These are the triangles whose bounding boxes meet the cell; if there are none, the nearest one.
     """
     low, high = corners.min(1), corners.max(1)  # of `corners` (t, 3, 2)
     slack = 1e-6  # a point on the border of a box may lie a rounding error beyond it
@@ -164,16 +163,24 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
     for row, column in np.argwhere(~met.any(2)):  # cells that no box meets
         distances = np.linalg.norm((middle[column], middle[row]) - centroids, axis=-1)
         met[row, column, distances.argmin()] = True
-    cell, triangle = np.nonzero(met.reshape(CELLS**2, -1))
+    return _listed(met.reshape(CELLS**2, -1))
+
+
+def _listed(met: np.ndarray) -> np.ndarray:
+    """The triangles (cells, k) that a mask (cells, triangles) marks, at least one in each cell.
+
+    Rows are padded by repeating their first entry, which changes no answer.
+    """
+    cell, triangle = np.nonzero(met)
     counts = np.bincount(cell)
     most = counts.max()
     if most > MOST_CANDIDATES:
         raise ValueError(f"{most:,} triangles of directions meet in one place, but the limit is {MOST_CANDIDATES:,}")
     starts = np.cumsum(counts) - counts
-    out = np.repeat(triangle[starts, None], most, axis=1)
+    padded = np.repeat(triangle[starts, None], most, axis=1)
     # `np.nonzero` goes cell by cell, so an entry's column is its distance from the first entry of its cell.
-    out[cell, np.arange(len(cell)) - starts[cell]] = triangle
-    return out
+    padded[cell, np.arange(len(cell)) - starts[cell]] = triangle
+    return padded
 
 
 def _in_blocks(answer: Callable[[Tensor], tuple[Tensor, ...]], width: int, queries: Tensor) -> tuple[Tensor, ...]:
@@ -228,8 +235,8 @@ class PairInterpolator(nn.Module):
         search = self._tensor_product if self.product else self._shepard
         # A slice has one pair of directions, expanded to all texels, so that each row lies in the same memory.
         if len(wo) > 1 and wo.stride(0) == wi.stride(0) == 0:
-            one = search(wo[:1], wi[:1])
-            return Weights(one.sample.expand(len(wo), -1), one.weight.expand(len(wo), -1))
+            sample, weight = search(wo[:1], wi[:1])
+            return Weights(sample.expand(len(wo), -1), weight.expand(len(wo), -1))
         return search(wo, wi)
 
     def mean_cosine(self, pair: Tensor, share: Tensor, level: Tensor) -> Tensor:
@@ -358,8 +365,7 @@ def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
 
 
 def _are_directions(side: np.ndarray) -> bool:
-    """Whether an array holds at least one direction (m, 3), all of them unit vectors of the upper hemisphere, within
-    `UNIT`."""
+    """Whether an array holds directions (m, 3), at least one: unit vectors of the upper hemisphere, within `UNIT`."""
     if side.shape[1:] != (3,) or not len(side):
         return False
     # Bounded first, so that the squares of a norm cannot overflow.

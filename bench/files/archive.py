@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -189,18 +189,20 @@ class Stored:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     begin: int  # offset of its values in the entry, in bytes
-    fortran: bool  # whether values are ordered column by column
+    order: Literal["C", "F"]  # of its values: row by row or, as in Fortran, column by column
 
     def values(self) -> Array:
         """The array, read-only: memory-mapped if it is stored uncompressed, which checks no checksum, else inflated."""
-        order: Any = "F" if self.fortran else "C"
         offset = self.files.offset(self.name)
-        count = math.prod(self.shape)
         with readable(self.files.label(self.name), "save it with numpy.savez, uncompressed"):
-            if offset is not None and count:  # an empty array cannot be mapped
-                return np.memmap(self.files.path, self.dtype, "r", offset + self.begin, self.shape, order)
-            flat = np.frombuffer(self.files.read(self.name), self.dtype, count, self.begin)
-            return flat.reshape(self.shape, order=order)
+            if offset is not None and all(self.shape):  # an empty array cannot be mapped
+                return np.memmap(self.files.path, self.dtype, "r", offset + self.begin, self.shape, self.order)
+            return self.held_by(self.files.read(self.name))
+
+    def held_by(self, entry: bytes) -> Array:
+        """The array, read-only, of all bytes of its entry."""
+        flat = np.frombuffer(entry, self.dtype, math.prod(self.shape), self.begin)
+        return flat.reshape(self.shape, order=self.order)
 
 
 def stored(files: ZipFiles, key: str) -> Stored:
@@ -220,10 +222,11 @@ def _array_of(files: ZipFiles, name: str, head: bytes) -> Stored:
     `InputError` if the header cannot be read, or does not agree with the entry's size.
     """
     label = files.label(name)
+    length = len(head)
     if head[6:7] == b"\1":  # version 1: six bytes of magic, two of the version, two with the length of the rest
-        head = head[: 10 + int.from_bytes(head[8:10], "little")]  # so that equal headers are found in the cache
+        length = 10 + int.from_bytes(head[8:10], "little")  # so that equal headers are found in the cache
     with readable(label, "save it with numpy.savez"):
-        header = _npy_header(head)
+        header = _npy_header(head[:length])
     version, shape, dtype = header.version, header.shape, header.dtype
     if version not in ((1, 0), (2, 0)):
         raise InputError(f"{label}: .npy version {version} is not read: save it with numpy.savez")
@@ -235,7 +238,7 @@ def _array_of(files: ZipFiles, name: str, head: bytes) -> Stored:
         raise InputError(f"{label}: its shape {shape} is impossible: save it again")
     if header.begin + math.prod(shape) * dtype.itemsize != files.size(name):
         raise InputError(f"{label}: its {files.size(name)} bytes do not hold {shape} of {dtype}: save it again")
-    return Stored(files, name, shape, dtype, header.begin, header.fortran)
+    return Stored(files, name, shape, dtype, header.begin, "F" if header.fortran else "C")
 
 
 class _NpyHeader(NamedTuple):
@@ -280,8 +283,6 @@ def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> 
 
 def _read_array(files: ZipFiles, name: str) -> Array:
     """The array of an entry, checked against its checksum, in memory, and writable."""
-    data = files.read(name)
-    header = _array_of(files, name, data[:_HEAD])
-    flat = np.frombuffer(data, header.dtype, math.prod(header.shape), header.begin)
-    # The bytes cannot be written to, so the array is copied, in its own order in memory.
-    return flat.reshape(header.shape, order="F" if header.fortran else "C").copy(order="K")
+    entry = files.read(name)
+    array = _array_of(files, name, entry[:_HEAD]).held_by(entry)
+    return array.copy(order="K")  # writable, in its own order in memory

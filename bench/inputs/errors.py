@@ -55,15 +55,14 @@ def visible(text: str) -> str:
     A name that comes from a file must neither steer a terminal nor command a CI service: a `::` or `##` that may come
     to stand at the start of a line is written `\\x3a:` or `\\x23#`.
     """
-    if not text.isprintable():
-        text = "".join(map(_written_out, text))
-    return _COMMAND.sub(_with_first_written_out, text)
+    printable = text if text.isprintable() else "".join(map(_written_out, text))
+    return _COMMAND.sub(_with_first_written_out, printable)
 
 
 def _with_first_written_out(command: re.Match[str]) -> str:
     """A match of `_COMMAND`, with the first of its two characters in hexadecimal digits: `\\x3a:` for `::`."""
-    written = command[0]
-    return f"\\x{ord(written[0]):02x}{written[1]}"
+    matched = command[0]
+    return f"\\x{ord(matched[0]):02x}{matched[1]}"
 
 
 def _written_out(character: str) -> str:
@@ -139,9 +138,9 @@ def refuse_pipe(path: Path) -> None:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The end of a message on an unknown name: `; did you mean 'pca'?` if a known one is similar, else `; known: …`."""
-    known = sorted(known)
-    similar = difflib.get_close_matches(name, known, n=1)
-    return f"; did you mean {similar[0]!r}?" if similar else f"; known: {', '.join(known) or 'none'}"
+    in_order = sorted(known)
+    similar = difflib.get_close_matches(name, in_order, n=1)
+    return f"; did you mean {similar[0]!r}?" if similar else f"; known: {', '.join(in_order) or 'none'}"
 
 
 def shown(value: object) -> str:

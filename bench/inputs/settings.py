@@ -109,7 +109,7 @@ def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
     An `InputError` says which values are allowed.
     """
     try:
-        return _converted(what, kind, value, words)
+        return _value_of_kind(what, kind, value, words)
     except InputError:  # of a value inside a list or a table, which it names
         raise
     except (KeyError, ValueError, TypeError, OverflowError):
@@ -179,16 +179,16 @@ def _kinds(kind: type) -> dict[str, Any]:
     return {field.name: kinds[field.name] for field in dataclasses.fields(kind)}
 
 
-def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
+def _value_of_kind(what: str, kind: Any, value: Any, words: bool) -> Any:
     """The converted value; the arguments are those of `converted`.
 
     Raises `ValueError`, or what Python's conversion raises, if the value has another type or is out of range.
     """
     plain, limits = _type_and_range(kind)
     if get_origin(plain) is Literal:
-        return _converted_choice(get_args(plain), value, words)
+        return _choice(get_args(plain), value, words)
     if get_origin(plain) is tuple:
-        return _converted_tuple(what, get_args(plain), value, words)
+        return _tuple(what, get_args(plain), value, words)
     if dataclasses.is_dataclass(plain):
         return table(what, plain, value)  # type: ignore[arg-type]
     if plain is bool:
@@ -199,27 +199,26 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     if plain is str:
         _need(isinstance(value, str) and len(value) <= WORD)
         return str(value)
-    return _converted_number(plain, limits, value, words)
+    return _number(plain, limits, value, words)
 
 
-def _converted_choice(choices: tuple[Any, ...], value: Any, words: bool) -> Any:
+def _choice(choices: tuple[Any, ...], value: Any, words: bool) -> Any:
     """One of the values of a `Literal`, texts or whole numbers."""
-    if words and value not in choices:  # a number among the choices, as a string
-        value = int(value)
-    _need(type(value) in (str, int) and value in choices)  # by type, because True equals 1
-    return value
+    is_number = words and value not in choices  # a number among the choices, as a string
+    choice = int(value) if is_number else value
+    _need(type(choice) in (str, int) and choice in choices)  # by type, because True equals 1
+    return choice
 
 
-def _converted_tuple(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tuple[Any, ...]:
+def _tuple(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tuple[Any, ...]:
     """A tuple from a list: `tuple[X, ...]` has any number of values of one type, `tuple[X, Y]` one of each type."""
     _need(isinstance(value, list))
-    if kinds[-1] is ...:
-        kinds = (kinds[0],) * len(value)
-    _need(len(value) == len(kinds))
-    return tuple(converted(what, kind, item, words) for kind, item in zip(kinds, value, strict=True))
+    kind_of_each = (kinds[0],) * len(value) if kinds[-1] is ... else kinds
+    _need(len(value) == len(kind_of_each))
+    return tuple(converted(what, kind, item, words) for kind, item in zip(kind_of_each, value, strict=True))
 
 
-def _converted_number(plain: type, limits: Range, value: Any, words: bool) -> Any:
+def _number(plain: type, limits: Range, value: Any, words: bool) -> Any:
     """An int or a float within its limits. True and false are no numbers, and an int must not lose digits."""
     _need(not isinstance(value, bool) and (words or not isinstance(value, str)))
     if plain is int:
@@ -269,12 +268,13 @@ def descriptions(settings: type) -> list[Setting]:
     """Describe every setting of a `Settings` class, in order. Meanings are the comments in its source, if available."""
     kinds = get_type_hints(settings, include_extras=True)
     comments = _comments(settings)
-    result = []
+    described = []
     for field in dataclasses.fields(settings):
         is_bool = isinstance(field.default, bool)
         default = str(field.default).lower() if is_bool else str(field.default)  # as `--set` takes it
-        result.append(Setting(field.name, default, _allowed_in_words(kinds[field.name]), comments.get(field.name, "")))
-    return result
+        allowed = _allowed_in_words(kinds[field.name])
+        described.append(Setting(field.name, default, allowed, comments.get(field.name, "")))
+    return described
 
 
 def _comments(settings: type) -> dict[str, str]:

@@ -37,7 +37,7 @@ GPU_BATCH = 1 << 20  # with fewer a GPU's time counts its launches
 FLOOR = "floor"
 
 Clock = Callable[[], int]  # tells a time on the CPU in ns
-SPAN_NS = 3_000_000  # an inner loop runs about this long: far above the clock's resolution, below what disturbs both
+SPAN_NS = 3_000_000  # an inner loop runs about this long: far above the clock's resolution, shorter than disturbances
 STABLE = 0.1  # a call is warm if two in a row differ by less
 MOST_WARM_UPS = 10
 
@@ -121,21 +121,17 @@ def conditions(threads: int, device: str) -> records.Timing:
 
 
 def time_materials(
-    materials: dict[str, Material],
-    threads: int,
-    batch: int = 0,
-    show: Progress = silent,
-    turns: int = 0,
+    materials: dict[str, Material], threads: int, batch: int = 0, show: Progress = silent, turns: int = 0
 ) -> dict[str, Timing]:
     """Time the whole query of each material in turns, `TURNS` by default; the row `FLOOR` is one bilinear fetch.
 
     A query is of `batch` samples, by default of as many as are usual on the device.
     """
     first = next(iter(materials.values()))
-    batch = batch or batch_on(first.device)
-    queries = random_queries(batch, first.size, first.device)
+    samples = batch or batch_on(first.device)
+    queries = random_queries(samples, first.size, first.device)
     calls = {name: partial(material.query, *queries) for name, material in materials.items()}
-    return in_turns(calls, batch, first.size, threads, first.device, show, turns=turns)
+    return in_turns(calls, samples, first.size, threads, first.device, show, turns)
 
 
 def in_turns(

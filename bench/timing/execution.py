@@ -29,7 +29,7 @@ from bench.inputs.errors import InputError, did_you_mean, installed
 from bench.machine.devices import is_gpu
 from bench.material import Material, Wrapped
 from bench.program.llvm import unusable
-from bench.timing.fused.target import Target, target_of
+from bench.timing.fused.target import target_of
 from bench.training.decoder import Decoder
 
 EXECUTIONS = ("eager", "compiled", "network", "fused")
@@ -37,7 +37,7 @@ DTYPES = {"float32": torch.float32, "tf32": torch.float32, "bfloat16": torch.bfl
 # |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half
 # precisions promise it only for networks with a layer norm or without a sine: they cannot hold a phase of many turns.
 TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
-# Kernels of one function, of all materials of a process: of more, PyTorch would compute without a word as `eager` does.
+# The most kernels of one function in a process, whatever the materials. Beyond them PyTorch silently computes eagerly.
 MOST_RECOMPILES = 256
 LONG_CHUNK = 65_536  # for compiled half precisions on the CPU: small intermediates, but some overhead a call
 FUSED_CHUNK = 1 << 17  # on the CPU: long, because switching between PyTorch's and Dr.Jit's threads is slow
@@ -85,17 +85,17 @@ def prepared(material: Material, variant: Variant) -> Material:
     """
     if variant.precision == "tf32" and material.device.type != "cuda":
         raise InputError("tf32 is a precision of NVIDIA's GPUs: use float32 here")
-    material = copy.deepcopy(material).to(dtype=DTYPES[variant.precision])
+    computed = copy.deepcopy(material).to(dtype=DTYPES[variant.precision])
     # PyTorch lets convolutions round to tf32 unless told not to; float32 must not. `_Tf32` and the fused kernels allow
     # it themselves, where the variant asks for it.
     torch.backends.cudnn.allow_tf32 = False
     if variant.execution == "network":
-        return _with_networks_fused(material, variant)
+        return _with_networks_fused(computed, variant)
     if variant.execution == "fused":
-        return _fused(material, variant)
+        return _fused(computed, variant)
     if variant.execution == "compiled":
-        material = _Compiled(material)
-    return _Tf32(material) if variant.precision == "tf32" else material
+        computed = _Compiled(computed)
+    return _Tf32(computed) if variant.precision == "tf32" else computed
 
 
 def networks(material: Material) -> list[Decoder]:
@@ -108,15 +108,13 @@ def _modules(material: Material) -> list[nn.Module]:
     return [value for value in vars(material).values() if isinstance(value, nn.Module)]
 
 
-def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> None:
-    """Replace each decoder network by `make(network)`."""
-    attributes: list[tuple[Any, str, Any]] = []  # what holds a value, under which name, and the value
-    for name, value in vars(material).items():
-        attributes.append((material, name, value))
+def _replace_networks(material: Material, make: Callable[[Decoder], nn.Module]) -> None:
+    """Replace each decoder network of a material, changing it, by `make(network)`."""
+    # What holds a value, under which name, and the value.
+    attributes: list[tuple[Any, str, Any]] = [(material, name, value) for name, value in vars(material).items()]
     for root in _modules(material):
         for module in root.modules():
-            for name, child in module.named_children():
-                attributes.append((module, name, child))
+            attributes += [(module, name, child) for name, child in module.named_children()]
     # Replaced only now, since a loop over modules must not change them.
     for holder, name, value in attributes:
         if isinstance(value, Decoder):
@@ -124,14 +122,32 @@ def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> None:
 
 
 def _fused(material: Material, variant: Variant) -> Material:
-    """The material as one kernel. `InputError` if it cannot be."""
+    """The material as one kernel, with its networks in it. `InputError` if it cannot be.
+
+    A copy of it is recorded, in which a placeholder with a number stands for each network: the kernel computes a
+    network as a whole, in the layers of the `decoders`, and not by the single operations of PyTorch.
+    """
     if variant.precision != "float32":
         raise InputError(f"fused computes in float32, not {variant.precision}: use compiled")
     target = target_of(material.device)
     too_old = "" if is_gpu(material.device) else unusable(plugins=True)
     if too_old:
         raise InputError(f"{too_old}; or use compiled")
-    return _whole(material, target)
+    from bench.timing.fused.whole import Placeholder, Whole
+
+    recorded = copy.deepcopy(material).to("cpu")
+    decoders: list[Decoder] = []
+
+    def placeholder(decoder: Decoder) -> nn.Module:
+        """What stands for a network in the copy; notes the network in `decoders`, at the place of its number."""
+        decoders.append(decoder)
+        return Placeholder(len(decoders) - 1, decoder.architecture.outputs)
+
+    _replace_networks(recorded, placeholder)
+    fused = Whole(material, recorded, decoders, target)
+    if not is_gpu(material.device):  # a GPU's chunks are long enough
+        fused.chunk = FUSED_CHUNK
+    return fused
 
 
 def _with_networks_fused(material: Material, variant: Variant) -> Material:
@@ -142,31 +158,8 @@ def _with_networks_fused(material: Material, variant: Variant) -> Material:
         raise InputError("network computes decoder networks, and this codec has none: use eager or fused")
     with installed("network needs Triton: pip install triton"):
         from bench.timing.fused.with_triton import TritonNetwork
-    _replaced(material, partial(TritonNetwork, tf32=variant.precision == "tf32"))
+    _replace_networks(material, partial(TritonNetwork, tf32=variant.precision == "tf32"))
     return material
-
-
-def _whole(material: Material, target: Target) -> Material:
-    """A material as one kernel, with its networks in it. `InputError` if it cannot be recorded.
-
-    A copy of it is recorded, in which a placeholder with a number stands for each network: the kernel computes a
-    network as a whole, in the layers of the `decoders`, and not by the single operations of PyTorch.
-    """
-    from bench.timing.fused.whole import Placeholder, Whole
-
-    marked = copy.deepcopy(material).to("cpu")  # where it is recorded
-    decoders: list[Decoder] = []
-
-    def placeholder(decoder: Decoder) -> nn.Module:
-        """What stands for a network in the copy; notes the network in `decoders`, at the place of its number."""
-        decoders.append(decoder)
-        return Placeholder(len(decoders) - 1, decoder.architecture.outputs)
-
-    _replaced(marked, placeholder)
-    fused = Whole(material, marked, decoders, target)
-    if not is_gpu(material.device):  # a GPU's chunks are long enough
-        fused.chunk = FUSED_CHUNK
-    return fused
 
 
 class _Compiled(Wrapped):
@@ -177,7 +170,7 @@ class _Compiled(Wrapped):
         from bench.timing.fused.lean import Lean, compiled
 
         needs_compiler(inner.device)
-        _replaced(inner, Lean)
+        _replace_networks(inner, Lean)
         if not is_gpu(inner.device) and inner.dtype.itemsize < 4:
             inner.chunk = LONG_CHUNK
         super().__init__(inner)

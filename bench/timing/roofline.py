@@ -34,10 +34,10 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
         time_copy = calibrated(copy_call, device, clock)
         product_ns = min(time_product() for _ in range(ROUNDS))
         copy_ns = min(time_copy() for _ in range(ROUNDS))
-    flops, read = rates(product_ns, copy_ns, device)
+    flops_per_ns, bytes_per_ns = rates(product_ns, copy_ns, device)
     return {
-        "flops_per_ns": flops,
-        "bytes_per_ns": read,
+        "flops_per_ns": flops_per_ns,
+        "bytes_per_ns": bytes_per_ns,
         "threads": threads,
         "device": str(device),
         "dtype": str(dtype).removeprefix("torch."),

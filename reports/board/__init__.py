@@ -51,8 +51,8 @@ def _sources_at(place: Path) -> list[Path]:
     without any, the runs in it."""
     if not place.is_dir() or (place / FILE).exists():
         return [place]
-    inside = [*sorted(place.glob(f"*{RECORDS}")), *sorted(place.glob(f"*{ARCHIVE}"))]
-    inside = inside or sorted(path.parent for path in place.glob(f"*/{FILE}"))
+    files = [*sorted(place.glob(f"*{RECORDS}")), *sorted(place.glob(f"*{ARCHIVE}"))]
+    inside = files or sorted(path.parent for path in place.glob(f"*/{FILE}"))
     if not inside:
         remedy = "`neubtf-bench results add RUN FOLDER/NAME.jsonl` makes a file of records of a run"
         raise InputError(f"{place}: no run, no file of records (*.jsonl) and no archive (*.zip) is there: {remedy}")

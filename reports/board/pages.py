@@ -49,7 +49,7 @@ class Board:
         self.materials_with_pictures: set[str] = set()
         names = set(codecs)
         for source in self.sources:
-            names |= _codecs(source)
+            names |= _codec_names(source.materials)
             for job in source.run.jobs:
                 if "pictures" in job or "drawing" in job:  # stored slices, or a model that the page draws live
                     self.materials_with_pictures.add(job["material"])
@@ -64,7 +64,7 @@ class Board:
         for name, sources in by_material(self.sources).items():
             yield page_name("material", name), MaterialPage(name, sources, self).pieces()
         for name in self.codecs:
-            sources_with_codec = [source for source in self.sources if name in _codecs(source)]
+            sources_with_codec = [source for source in self.sources if name in _codec_names(source.materials)]
             yield page_name("codec", name), self._codec_page(name, sources_with_codec)
 
     def _document(
@@ -142,17 +142,12 @@ class Board:
         """The page of a codec, in pieces: its settings if it is installed, where it stands, all its rows, and curves of
         its fits. `sources` are those where it has a row."""
         codec = self.installed.get(name)
-        links: list[tuple[str, str]] = []  # addresses, each with the text of a link; a codec may state neither
-        recipes = None
-        if codec:
-            links = [(link, words) for link, words in ((codec.paper, "Paper"), (codec.code, "Code")) if link]
-            if codec.settings:
-                recipes = _recipes(codec)
+        addresses = ((codec.paper, "Paper"), (codec.code, "Code")) if codec else ()
         values = {
             "front": FRONT,
             "codec": codec,
-            "links": links,
-            "recipes": recipes,
+            "links": [(address, words) for address, words in addresses if address],  # a codec may state neither
+            "recipes": _recipes(codec) if codec and codec.settings else None,
             "standing": tables.standing(name, self.places[name]),
             "fits": _FITS,
             "sources": sources,
@@ -206,14 +201,10 @@ class MaterialPage(Page):
 
     def codecs(self) -> list[tuple[str, str]]:
         """Links to the codecs that have a row here: the page of each, and its name."""
-        names: set[str] = set()
-        for material in self.materials:
-            names.update(codec_of(row.label) for row in material.rows)
-        return [(page_name("codec", name), name) for name in sorted(names)]
+        return [(page_name("codec", name), name) for name in sorted(_codec_names(self.materials))]
 
     def strips(self) -> list[tuple[int, list[Picture]]]:
-        """A list of one strip, that of the first source with pictures: the source's number, and the pictures. Empty
-        without pictures."""
+        """The strip of the first source with pictures alone, as its number and its pictures; empty without any."""
         for number in range(len(self.materials)):
             pictures = self._strip(number)
             if pictures:
@@ -249,12 +240,9 @@ def _looks(sources: Sequence[Publication], plots: Sequence[series.Plot]) -> seri
     return [look for look in series.codecs(joined(parts), lines) if look["label"] in labels_in_plots]
 
 
-def _codecs(source: Publication) -> set[str]:
-    """The names of the codecs that have a row in a source."""
-    names: set[str] = set()
-    for material in source.materials:
-        names.update(codec_of(row.label) for row in material.rows)
-    return names
+def _codec_names(materials: Sequence[MaterialRows]) -> set[str]:
+    """The names of the codecs that have a row of some materials."""
+    return {codec_of(row.label) for material in materials for row in material.rows}
 
 
 def _front_order(source: Publication) -> tuple[bool, int]:
@@ -273,25 +261,21 @@ def _to_material(_: str, name: str) -> str:
 
 def _recipes(codec: Codec) -> Table:
     """The settings of an installed codec, a row each; the defaults as published only if it has that recipe."""
-    headers = [("setting", ""), ("meaning", ""), ("ours", "")]
+    headers = [("setting", ""), ("meaning", ""), ("ours", ""), ("as published", "")]
+    title = "Both recipes: the defaults of every setting"
     # A setting is (name, meaning, default in our recipe, default as published).
-    if any(published for _, _, _, published in codec.settings):
-        headers.append(("as published", ""))
-        title = "Both recipes: the defaults of every setting"
-        rows = [[name, meaning, ours, published] for name, meaning, ours, published in codec.settings]
-    else:
+    if not any(published for _, _, _, published in codec.settings):
+        headers = headers[:3]
         title = "The default of every setting"
-        rows = [[name, meaning, ours] for name, meaning, ours, _ in codec.settings]
+    rows = [list(setting[: len(headers)]) for setting in codec.settings]
     return Table("recipes", title, headers, rows, words=2)
 
 
 def _plots(source: Publication) -> Iterator[series.Plot]:
     """The plots of a source, of the kinds `_KINDS`: means over its materials or, of a single material, its own."""
     plots = series.plots_of(source.run)
-    of_means = [plot for plot in plots if plot["material"] == ""]
-    if of_means:  # there are none of a single material
-        plots = of_means
-    for plot in plots:
+    of_means = [plot for plot in plots if plot["material"] == ""]  # there are none of a single material
+    for plot in of_means or plots:
         if plot["kind"] in _KINDS:
             # A page has an element for each source, and its script puts there the plots of this "material".
             yield plot | {"material": source.name}
@@ -355,8 +339,5 @@ def _section(source: Publication) -> dict[str, Any]:
 
 def _kinds(source: Publication, material: str = "") -> list[str]:
     """The kinds of truth of a source or, if it is named, of one of its materials, in order: measured, rendered."""
-    kinds = set()
-    for job in source.run.jobs:
-        if job["status"] == "ok" and material in ("", job["material"]):
-            kinds.add(kind_of(job))
-    return sorted(kinds, key=kind_order)
+    measured = [job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"])]
+    return sorted(set(map(kind_of, measured)), key=kind_order)

@@ -9,9 +9,10 @@ whether its pictures are free.
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain, count
 from pathlib import Path
 from typing import cast
 
@@ -79,21 +80,24 @@ def may_be_shown(job: Job, run: Run) -> bool:
     """Whether pictures of a job's material may be published: it is rendered by this suite, it is baked from maps whose
     suite states CC0, or its provenance says that it is free.
 
-    A verified job comes from an archive, which may claim any licence: of those, only rendered materials are shown.
     `run` is that of the job: its starts record what suites state.
     """
-    wheres: list[str] = []  # what suites state of where the material is from
-    for start in run.starts:
-        materials = start.get("materials") or ()  # a record may hold null
-        for material in materials:
-            # What a record holds is not checked here, so it may be no dict.
-            if isinstance(material, dict) and material.get("name") == job["material"]:
-                wheres.append(str(material.get("where")))
-    where = " ".join(wheres)
     provenance = job.get("provenance", {})
     source = provenance.get("source")
-    stated_free = bool(provenance.get("free")) or (source == BAKED and "CC0" in where)
-    return source == RENDERED or (stated_free and not job.get("verified"))
+    if source == RENDERED:
+        return True
+    if job.get("verified"):  # it comes from an archive, which may claim any licence
+        return False
+    return bool(provenance.get("free")) or (source == BAKED and _is_stated_cc0(job["material"], run))
+
+
+def _is_stated_cc0(name: str, run: Run) -> bool:
+    """Whether a suite of a run states CC0 where it says what a material is from."""
+    for start in run.starts:
+        for material in start.get("materials") or ():  # a record may hold null, or materials that are no dicts
+            if isinstance(material, dict) and material.get("name") == name and "CC0" in str(material.get("where")):
+                return True
+    return False
 
 
 def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> list[Publication]:
@@ -102,16 +106,9 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
     A run at hand follows as a source of its own, unless all its jobs are in records that are not claimed. A name that
     several sources have is followed by a number.
     """
-    at_hand: _AtHand = {}  # the measured jobs of the runs at hand
-    for source in runs:
-        for job in source.run.jobs:
-            if job["status"] == "ok":
-                at_hand[_key(job)] = source.run, job
+    at_hand = {_key(job): (source.run, job) for source in runs for job in source.run.jobs if job["status"] == "ok"}
     # Of records that are not claimed: only these may stand for a run at hand.
-    keys_in_records: set[tuple[str, ...]] = set()
-    for source in records:
-        if not source.claimed:
-            keys_in_records.update(_key(job) for job in source.run.jobs)
+    keys_in_records = {_key(job) for source in records if not source.claimed for job in source.run.jobs}
     runs_beside_records = []
     for source in runs:
         if any(_key(job) not in keys_in_records for job in source.run.jobs):
@@ -120,13 +117,15 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
             runs_beside_records.append(replace(source, run=replace(source.run, jobs=jobs)))
     sources: dict[str, Publication] = {}  # by name
     for source in (*records, *runs_beside_records):
-        name = source.name
-        number = 1
-        while name in sources:
-            number += 1
-            name = f"{source.name} ({number})"
+        name = _free_name(source.name, sources)
         sources[name] = replace(source, name=name, run=_with_paths(source.run, at_hand))
     return list(sources.values())
+
+
+def _free_name(name: str, taken: Collection[str]) -> str:
+    """The name, if it is not taken; else followed by the first number with which it is not."""
+    numbered = (f"{name} ({number})" for number in count(2))
+    return next(each for each in chain([name], numbered) if each not in taken)
 
 
 def _with_paths(run: Run, at_hand: _AtHand) -> Run:
@@ -138,7 +137,7 @@ def _with_paths(run: Run, at_hand: _AtHand) -> Run:
     for job in run.jobs:
         paths = _paths(job)
         fields: dict[str, object] = {name: value for name, value in job.items() if name not in paths}
-        local_run, local_job = at_hand.get(_key(job), (run, None))
+        local_run, local_job = at_hand.get(_key(job), (run, None))  # no job where its files are not at hand
         if local_job and may_be_shown(local_job, local_run):
             shown = {name: path for name, path in _paths(local_job).items() if name != "file"}
             fields |= {name: str(local_run.folder.absolute() / path) for name, path in shown.items()}
@@ -147,7 +146,7 @@ def _with_paths(run: Run, at_hand: _AtHand) -> Run:
 
 
 def _paths(job: Job) -> dict[str, str]:
-    """The paths of a job's artefacts, by field; the same fields may hold packed arrays, which are none."""
+    """The paths of a job's artefacts, by field; the same fields may hold packed arrays, which are no paths."""
     names = field_names(ARTEFACT)
     return {name: value for name, value in job.items() if name in names and isinstance(value, str)}
 

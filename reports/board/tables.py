@@ -23,7 +23,8 @@ from reports.rungs import BYTES, rungs_of
 from reports.table import Table
 
 # Of where a row is from: whose word it is, seed, hash of the codec file, revisions of the code, machine, and day.
-_ORIGIN_HEADERS = ("state", "seed", "file", "fitted by", "scored by", "processor", "scored on")
+_ORIGIN_WORDS = ("state", "seed", "file", "fitted by", "scored by", "processor", "scored on")
+_ORIGIN_HEADERS = [(words, "") for words in _ORIGIN_WORDS]
 
 
 class Entry(NamedTuple):
@@ -67,8 +68,7 @@ def origins(source: Publication, material: MaterialRows, name: str) -> Table:
     `name` is that of the material on the page.
     """
     rows = [[row.label, *_origin_cells(source, row)] for row in material.rows]
-    headers = [("codec", "")]
-    headers += [(header, "") for header in _ORIGIN_HEADERS]
+    headers = [("codec", ""), *_ORIGIN_HEADERS]
     return Table("origins", f"{name}: where each row is from", headers, rows, [STATES], material=name)
 
 
@@ -104,13 +104,12 @@ def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
         for material in source.materials:
             measures = by_material.in_short(material)
             headers_of_numbers = [(measure.name, measure.unit) for measure in measures]
-            own = [row for row in material.rows if codec_of(row.label) == name]
-            for row, numbers in zip(own, _number_cells(own, measures), strict=True):
+            of_codec = [row for row in material.rows if codec_of(row.label) == name]
+            for row, numbers in zip(of_codec, _number_cells(of_codec, measures), strict=True):
                 rows.append([material.name, source.title, row.label, *numbers, *_origin_cells(source, row)])
     if not rows:
         return None
-    headers = [("material", ""), ("results", ""), ("row", ""), *headers_of_numbers]
-    headers += [(header, "") for header in _ORIGIN_HEADERS]
+    headers = [("material", ""), ("results", ""), ("row", ""), *headers_of_numbers, *_ORIGIN_HEADERS]
     return Table("rows", f"{name}: every row", headers, rows, [STATES], words=3)
 
 
@@ -131,7 +130,7 @@ def places(names: Iterable[str], sources: Sequence[Publication]) -> dict[str, li
     for source in sources:
         if source.claimed:  # nobody here has scored them
             continue
-        comparisons += _at_budgets(source) if source.has_budgets else _of_all_settings(source)
+        comparisons += _compared_at_budgets(source) if source.has_budgets else _compared_at_any_size(source)
     places_of_codecs = {}
     for name in names:
         of_codec = filter(None, (_place(comparison, name) for comparison in comparisons))
@@ -139,7 +138,7 @@ def places(names: Iterable[str], sources: Sequence[Publication]) -> dict[str, li
     return places_of_codecs
 
 
-def _of_all_settings(source: Publication) -> Iterator[Comparison]:
+def _compared_at_any_size(source: Publication) -> Iterator[Comparison]:
     """The comparison on each material of a source without budgets: of all settings, whatever their bytes."""
     for material in source.materials:
         entries = []
@@ -162,7 +161,7 @@ def _place(comparison: Comparison, name: str) -> Place | None:
     return Place(comparison.material, comparison.results, max(mine, key=by_psnr), max(others, key=by_psnr))
 
 
-def _at_budgets(source: Publication) -> Iterator[Comparison]:
+def _compared_at_budgets(source: Publication) -> Iterator[Comparison]:
     """The comparison on each surface at each budget, by what each line reaches within it at test pairs."""
     rungs = rungs_of(source.run)
     codecs = rungs.codecs
@@ -172,8 +171,8 @@ def _at_budgets(source: Publication) -> Iterator[Comparison]:
             height, width = rungs.shapes[material]
             entries = []
             picks: Any = rungs.picks(budget, [material])[material].to_dict()
-            found: Any = rungs.reached(budget, [material])[material].to_dict()
-            for line, psnr in found.items():
+            psnr_of_line: Any = rungs.reached(budget, [material])[material].to_dict()
+            for line, psnr in psnr_of_line.items():
                 hull = rungs.hulls.get(line, {}).get(material)
                 if budget.kind == BYTES and hull:  # read off the curve: at the budget, or where the curve ends before
                     bits = min(budget.most, 2 ** hull.sizes[-1])
@@ -187,22 +186,27 @@ def standing(name: str, places: Sequence[Place]) -> Table | None:
     """The table of where a codec stands, a row a place; None without any. `name` is that of the codec."""
     rows = []
     for place in places:
-        mine = place.mine
-        best = place.best
+        mine, best = place.mine, place.best
         cells = [place.material, place.results, mine.label, best.label]
         cells += [integer(mine.size), integer(best.size), _decibels(mine.psnr), _decibels(best.psnr)]
         rows.append([*cells, _gap_in_words(place.gap)])
     if not rows:
         return None
     headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]
-    headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
+    headers += [
+        ("total", "bytes"),
+        ("its total", "bytes"),
+        ("PSNR", "dB ↑"),
+        ("its PSNR", "dB ↑"),
+        ("difference", "dB ↑"),
+    ]
     note = (
         "Test PSNR, mean over slices. Within a size: read off the curve of the settings that validation pairs choose, "
         "at its end if it ends before; within a time, and without a curve: of the setting that they choose. "
         "Without budgets: of the setting of each codec with the highest test PSNR, whatever its bytes."
     )
     title = "Where it wins and loses, against the best of the others"
-    return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4)
+    return Table("standing", title, headers, rows, [note], words=4)
 
 
 def _decibels(psnr: float) -> str:

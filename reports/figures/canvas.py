@@ -133,8 +133,8 @@ class Sheet:
         `left` and `top` are the pixel of its upper left corner, neither of them negative.
         """
         place = self.pixels[top : top + picture.shape[0], left : left + picture.shape[1]]  # a view, written below
-        picture = picture[: place.shape[0], : place.shape[1]]
-        place[:] = _blended(picture, place) if picture.shape[-1] == 4 else picture
+        inside = picture[: place.shape[0], : place.shape[1]]
+        place[:] = _blended(inside, place) if inside.shape[-1] == 4 else inside
 
     def text(self, x: float, y: float, text: str, **look: Any) -> None:
         """Write a text at pixels from the top left corner; `y` is its middle unless `look` says otherwise.
@@ -172,7 +172,7 @@ class Sheet:
     def layered(self) -> Iterator[Drawing]:
         """Within the `with`, the sheet as one drawing: its pictures, unchanged, below its texts.
 
-        They lie on the sheet's own drawing only for so long: the next file of it would have them twice.
+        Afterwards they are removed from the sheet's own drawing, whose next file would else have them twice.
         """
         axes = self.drawing.add_axes((0, 0, 1, 1), zorder=-1)
         axes.imshow(self.pixels, interpolation="none", aspect="auto")
@@ -198,6 +198,11 @@ def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:
     return matplotlib.colormaps[colours](norm(masked), bytes=True)
 
 
+def factor_to(least: int, size: Sequence[int]) -> int:
+    """The whole factor that makes the longer side of a picture (height, width) `least` pixels long or more."""
+    return math.ceil(least / max(size))
+
+
 def enlarged(picture: np.ndarray, factor: int) -> np.ndarray:
     """A picture (H, W, …) with every pixel enlarged to a square of `factor` pixels a side."""
     return picture.repeat(factor, 0).repeat(factor, 1)
@@ -213,16 +218,14 @@ def png(drawing: Drawing) -> bytes:
 def short(label: str, length: int = 38) -> str:
     """A label cut to `length` characters; a space goes before an underscore, because legends hide labels that begin
     with one."""
-    if len(label) > length:
-        label = label[: length - 1] + "…"
-    return f" {label}" if label.startswith("_") else label
+    cut = label if len(label) <= length else label[: length - 1] + "…"
+    return f" {cut}" if cut.startswith("_") else cut
 
 
 def grid_of(count: int, columns: int) -> tuple[int, int]:
     """The (rows, columns) of a grid for `count` small pictures, with at most `columns` columns; of none, (0, 1)."""
-    columns = min(columns, max(1, count))
-    rows = math.ceil(count / columns)
-    return rows, columns
+    used_columns = min(columns, max(1, count))
+    return math.ceil(count / used_columns), used_columns
 
 
 def log_ticks(axis: Any, unit: str = "") -> None:

@@ -5,7 +5,6 @@ A run stores a few slices of each job as the artefact `pictures`: `truth`, `deco
 degrees). Its artefact `slices` has the scores of all pairs.
 """
 
-import math
 import textwrap
 from collections.abc import Sequence
 from itertools import chain
@@ -17,7 +16,7 @@ from matplotlib.colors import Normalize
 from bench.metrics import stats_of
 from bench.records import FLIP, PSNR, Job, Run
 from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
-from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material, short, style
+from reports.figures.canvas import Figure, Sheet, coloured, enlarged, factor_to, of_each_material, short, style
 from reports.numbers import fixed
 from reports.rows import MaterialRows
 from reports.rungs import Budget, rungs_of
@@ -42,16 +41,16 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     Of a run that marked none, all stored slices are shown. Codecs whose slices are of other pairs than the first's
     are named below. None if no codec has stored pictures.
     """
-    rows = [(row, _marked(stored)) for row, stored in of_shown(run, material, "pictures")]
-    if not rows:
+    with_pictures = [(row, _marked(stored)) for row, stored in of_shown(run, material, "pictures")]
+    if not with_pictures:
         return None
-    rows, others = of_same_pairs(rows)
+    rows, others = of_same_pairs(with_pictures)
     _, first = rows[0]
     count, height, width = first["truth"].shape[:3]
-    factor = max(1, math.ceil(CELL / max(height, width)))
+    factor = factor_to(CELL, (height, width))
     cell_width = width * factor
     cell_height = height * factor
-    pair_width = 2 * cell_width + 2 * _GAP  # of two columns
+    pair_width = _pair_width(cell_width)
     title = f"{material.name}: slices as decoded, and FLIP maps"
     sheet = Sheet(_LEFT + count * pair_width, _TOP + (len(rows) + 1) * (cell_height + _GAP) + _BOTTOM)
     sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
@@ -62,24 +61,35 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
         sheet.text(left, _TOP - 18, angles_in_words("light", first["wi_deg"][place]))
         sheet.picture(left, _TOP, enlarged(first["truth"][place], factor))
     _label(sheet, "truth", _TOP + cell_height / 2)
-    # A row for each codec.
     for number, (row, pictures) in enumerate(rows, 1):
         top = _TOP + number * (cell_height + _GAP)
         _label(sheet, row.label, top + cell_height / 2)
         flip = scores_by_pair(run, row.job, row.metric(FLIP))
-        for place in range(count):
-            left = _LEFT + place * pair_width
-            sheet.picture(left, top, enlarged(pictures["decoded"][place], factor))
-            if "flip" in pictures:  # FLIP maps are not made of very small slices
-                sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][place], factor))
-                if "pairs" in pictures:
-                    mean = flip.get(int(pictures["pairs"][place]))
-                    _draw_mean(sheet, mean, right=left + 2 * cell_width, bottom=top + cell_height)
+        _draw_slices(sheet, pictures, flip, top, factor)
     flip_scale(sheet, _LEFT + cell_width + _MAP_GAP, _TOP + cell_height // 2, cell_width)
     if others:
         labels = [row.label for row in others]
         sheet.text(_GAP, sheet.height - _BOTTOM / 2, left_out_words(labels, sheet.width))
     return Figure(material.name, "contact", title, sheet.png(), sheet)
+
+
+def _draw_slices(sheet: Sheet, pictures: Arrays, flip: dict[int, float], top: int, factor: int) -> None:
+    """Draw a codec's slices and FLIP maps with their means, `flip` by pair, from `top` in pixels down."""
+    _, height, width = pictures["decoded"].shape[:3]
+    cell_width = width * factor
+    for place, decoded in enumerate(pictures["decoded"]):
+        left = _LEFT + place * _pair_width(cell_width)
+        sheet.picture(left, top, enlarged(decoded, factor))
+        if "flip" in pictures:  # FLIP maps are not made of very small slices
+            sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][place], factor))
+        if "flip" in pictures and "pairs" in pictures:
+            mean = flip.get(int(pictures["pairs"][place]))
+            _draw_mean(sheet, mean, right=left + 2 * cell_width, bottom=top + height * factor)
+
+
+def _pair_width(cell_width: int) -> int:
+    """The pixels from one slice, past its FLIP map, to the next slice."""
+    return 2 * (cell_width + _GAP)
 
 
 def _marked(stored: Arrays) -> Arrays:
@@ -121,12 +131,8 @@ def strip(run: Run, budget: Budget) -> Figure | None:
         # Of each line, a codec or a codec as published: the setting that fits the budget best, by its first seed.
         picked = rungs.frame.loc[rungs.picks(budget, [material])[material]]
         jobs = [jobs_by_name[name] for name in picked.sort_values("psnr", ascending=False, kind="stable")["job"]]
-        with_pictures = []
-        for job in jobs:
-            pictures = arrays(run.folder, job, "pictures")
-            if pictures:
-                with_pictures.append((job, pictures))
-        alike, _ = of_same_pairs(with_pictures)
+        stored = [(job, arrays(run.folder, job, "pictures")) for job in jobs]
+        alike, _ = of_same_pairs([(job, pictures) for job, pictures in stored if pictures])
         best_three = alike[:3]
         if len(best_three) < 3:
             continue
@@ -153,7 +159,7 @@ def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], place: int) 
     """
     _, first = best_three[0]
     truth = first["truth"]
-    factor = math.ceil(2 * CELL / max(truth.shape[1:3]))  # at least twice the size of a contact sheet's pictures
+    factor = factor_to(2 * CELL, truth.shape[1:3])  # at least twice the size of a contact sheet's pictures
     height = factor * truth.shape[1]
     width = factor * truth.shape[2]
     sheet = Sheet(4 * (width + _GAP) - _GAP, height + _BOTTOM)

@@ -6,7 +6,6 @@ no fit saw, and `abrdf` (height, width), the error of each texel over all pairs.
 both hemispheres.
 """
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +20,7 @@ from reports.figures.canvas import (
     Sheet,
     coloured,
     enlarged,
+    factor_to,
     grid_of,
     legend,
     log_ticks,
@@ -62,9 +62,9 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
     rows, columns = grid_of(len(maps), columns=5)
     height = max(error.shape[0] for _, error in maps)
     width = max(error.shape[1] for _, error in maps)
-    factor = max(1, math.ceil(_ABRDF_CELL / max(height, width)))
+    factor = factor_to(_ABRDF_CELL, (height, width))
     cell = (width * factor + 14, height * factor + 26)  # with a gap, and a line of text above
-    scale = _logarithmic([error for _, error in maps])
+    scale = _logarithmic_scale([error for _, error in maps])
     # At least three columns wide: the title and the split stand on one line.
     sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _ABRDF_TOP + rows * cell[1])
     sheet.text(_EDGE, 16, f"{title} ({material.split_in_words})", fontsize=9)
@@ -81,7 +81,7 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
     return Figure(material.name, "abrdf", title, sheet.png(), sheet)
 
 
-def _logarithmic(maps: Sequence[np.ndarray]) -> LogNorm:
+def _logarithmic_scale(maps: Sequence[np.ndarray]) -> LogNorm:
     """The scale from the smallest to the largest error above 0 on any map, at most five decades; none is off it."""
     positive = np.concatenate([error[error > 0] for error in maps])
     if not len(positive):
@@ -102,7 +102,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     if not maps:
         return None
     title = f"{material.name}: FLIP over the hemispheres"
-    scale = _from_zero([polar for _, polar in maps])
+    scale = _scale_from_zero([polar for _, polar in maps])
     # In a block the hemisphere of views is above that of lights.
     lines, per_line = grid_of(len(maps), columns=6)
     # At least four blocks wide: the title and the split stand on one line.
@@ -123,7 +123,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     return Figure(material.name, "polar", title, sheet.png(), sheet)
 
 
-def _from_zero(maps: Sequence[dict[str, Any]]) -> Normalize:
+def _scale_from_zero(maps: Sequence[dict[str, Any]]) -> Normalize:
     """The scale from 0 to the largest value of any cell; to 1 where no codec has an error."""
     top = 0.0
     for polar in maps:
@@ -161,9 +161,9 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
     None if no codec has stored the errors of its slices.
     """
     curves = of_shown(run, material, "slices", _READ)
-    styles = Styles(run.jobs)
     if not curves:
         return None
+    styles = Styles(run.jobs)
     title = f"{material.name}: quality by angle"
     height = max(4.0, 1.6 + 0.2 * len(curves))  # inches; the legend has a line for each codec
     drawing, panels = plots(10, height, count=2)
@@ -175,10 +175,8 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
         axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)
     panels[0].set_ylabel(f"display PSNR, dB ({material.deciding_in_words}; higher is better)")
     panels[0].set_title(f"{title}\n{material.split_in_words}", loc="left")
-    names = []
-    for row, _ in curves:
-        # A codec without any error has no point, but stands in the legend.
-        names.append(f"{row.label} (no error)" if row.psnr is None else row.label)
+    # A codec without any error has no point, but stands in the legend.
+    names = [f"{row.label} (no error)" if row.psnr is None else row.label for row, _ in curves]
     legend(panels[1], handles, names)
     return Figure(material.name, "angles", title, png(drawing), drawing)
 

@@ -74,12 +74,12 @@ def _drawn_choices(material: str, rows: Sequence[Timing], styles: Styles) -> Dra
 
     `rows` are the choices on one material.
     """
-    groups = grouped(rows, lambda row: row["codec"] + _how(row))  # choices by the words of the legend
+    groups = grouped(rows, lambda row: row["codec"] + _variant_in_words(row))  # choices by the words of the legend
     height = max(5.0, 1.4 + 0.2 * len(groups))  # inches; the legend has a line for each group
     drawing, (speed, rate) = plots(11.5, height, count=2)
     handles = []
     for name, group in groups.items():
-        is_default = not _how(group[0])  # all of a group have one execution and precision
+        is_default = not _variant_in_words(group[0])  # all of a group have one execution and precision
         look = styles.of_codec(name) | {"linestyle": "none"}
         if not is_default:
             look["markerfacecolor"] = "white"
@@ -100,7 +100,7 @@ def _drawn_choices(material: str, rows: Sequence[Timing], styles: Styles) -> Dra
     return drawing
 
 
-def _how(row: Timing) -> str:
+def _variant_in_words(row: Timing) -> str:
     """The execution and precision of a row in words, "" for the default ones."""
     return "" if is_plain(row) else f" [{variant_of(row)}]"
 

@@ -47,12 +47,12 @@ def _figure(material: str, codecs: Codecs, starts: Mapping[str, RunStart], style
     drawing = new(8.2, 7.5)
     panels = drawing.subplots(3, 1, sharex=True)
     for axes, (name, quantity) in zip(panels, _QUANTITIES.items(), strict=True):
-        handles = _lines(axes, quantity, codecs, order, styles)
+        handles = _draw_lines(axes, quantity, codecs, order, styles)
         axes.set_ylabel(name, fontsize=8)
         # The first panel, of PSNR, has the title and the legend of all; bytes and times have logarithmic axes.
         if axes.get_subplotspec().is_first_row():
             axes.set_title(title, loc="left")
-            legend(axes, handles, _names(codecs))
+            legend(axes, handles, _legend_words(codecs))
         else:
             axes.set_yscale("log")
             log_ticks(axes.yaxis, "B" if name.startswith("bytes") else "")
@@ -60,14 +60,14 @@ def _figure(material: str, codecs: Codecs, starts: Mapping[str, RunStart], style
     return Figure(material, "history", title, png(drawing), drawing)
 
 
-def _names(codecs: Codecs) -> list[str]:
+def _legend_words(codecs: Codecs) -> list[str]:
     """The words of the legend: labels, with the kind of held-out pairs where codecs differ in it."""
     if len({pairs for _, pairs in codecs}) == 1:
         return [label for label, _ in codecs]
     return [f"{label}, {pairs} pairs" if pairs else label for label, pairs in codecs]
 
 
-def _lines(
+def _draw_lines(
     axes: Any,
     quantity: Callable[[Job, Timing], float | None],
     codecs: Codecs,
@@ -90,12 +90,9 @@ def _lines(
 
 def _mean(quantity: Callable[[Job, Timing], float | None], seeds: Sequence[Measured]) -> float:
     """The mean of a quantity over the seeds of a start; NaN, which is not drawn, if none has it."""
-    values = []
-    for job, timing in seeds:
-        value = quantity(job, timing)
-        if value is not None:
-            values.append(value)
-    return fmean(values) if values else math.nan
+    values = [quantity(job, timing) for job, timing in seeds]
+    known = [value for value in values if value is not None]
+    return fmean(known) if known else math.nan
 
 
 def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
@@ -116,9 +113,7 @@ def _ticks(order: Sequence[str], starts: Mapping[str, RunStart]) -> list[str]:
     names = []
     for when in order:
         revision = starts.get(when, RunStart()).get("git")
-        if not revision:
-            revision = when[:8]  # the day, 20251123
-        names.append(str(revision)[:12])
+        names.append(str(revision or when[:8])[:12])  # the name of a start begins with the day, 20251123
     ticks = []
     for name, when in zip(names, order, strict=True):
         ticks.append(f"{name}, {_time_in_words(when)}" if names.count(name) > 1 else name)

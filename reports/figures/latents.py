@@ -14,7 +14,7 @@ from bench.inputs.errors import InputError
 from bench.program import Program
 from bench.records import Job, Run
 from reports.artefacts import program
-from reports.figures.canvas import Figure, Sheet, enlarged, of_each_material, short
+from reports.figures.canvas import Figure, Sheet, enlarged, factor_to, of_each_material, short
 from reports.rows import MaterialRows
 
 # In pixels: about the side of a channel's picture, between pictures, the margin with the labels, and the head.
@@ -94,7 +94,7 @@ def textures(program: Program) -> Textures:
     levels = [max(1, height >> level) * max(1, width >> level) for level in range(count)]  # texels of each
     texels = list(accumulate(levels))  # of the finest level, of the two finest, and so on
     by_place = {"uv"}  # the names of values that depend on uv, so far
-    textures_found: Textures = []
+    different: Textures = []
     for step in program.steps:
         names = step.names()
         if by_place.isdisjoint(names):  # nothing that it takes depends on uv
@@ -108,9 +108,9 @@ def textures(program: Program) -> Textures:
                 continue
             texture = table[: height * width].reshape(height, width, -1)
             # Several steps may look up one texture.
-            if not any(np.array_equal(texture, other) for other in textures_found):
-                textures_found.append(texture)
-    return textures_found
+            if not any(np.array_equal(texture, other) for other in different):
+                different.append(texture)
+    return different
 
 
 def _grey_levels(texture: np.ndarray) -> np.ndarray:
@@ -136,5 +136,4 @@ def _cells(texture: np.ndarray) -> np.ndarray:
         rows, columns = height // factor, width // factor
         squares = grey[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, count)
         grey = squares.mean((1, 3)).astype(np.uint8)
-    enlargement = max(1, math.ceil(_CELL / max(grey.shape[:2])))
-    return enlarged(grey, enlargement).transpose(2, 0, 1)
+    return enlarged(grey, factor_to(_CELL, grey.shape[:2])).transpose(2, 0, 1)

@@ -6,7 +6,6 @@ A pair is known by its index. A run stores the slices of a few pairs of each job
 texels that is shown again, magnified.
 """
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,7 +15,7 @@ from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
 from bench.records import PSNR, Run
 from reports.artefacts import Arrays, of_same_pairs, of_shown
-from reports.figures.canvas import Figure, Sheet, enlarged, short, style
+from reports.figures.canvas import Figure, Sheet, enlarged, factor_to, short, style
 from reports.figures.contact import angles_in_words, flip_scale, left_out_words, scores_by_pair
 from reports.numbers import EXACT, fixed
 from reports.rows import Row, materials
@@ -49,24 +48,20 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
 
     `InputError` if the material or a pair has no stored slices; of a pair it lists those that have some.
     """
-    by_name = {material.name: material for material in materials(run)}
-    material = by_name.get(name)
-    rows = []
-    if material:
-        for row, arrays_of_row in of_shown(run, material, "pictures"):
-            # A row whose file lacks some of these cannot be drawn.
-            if arrays_of_row.keys() >= {"truth", "decoded", "pairs", "wo_deg", "wi_deg"}:
-                rows.append((row, arrays_of_row))
-    if material is None or not rows:
+    needed = {"truth", "decoded", "pairs", "wo_deg", "wi_deg"}  # a row whose file lacks some cannot be drawn
+    drawable = []
+    for material in materials(run):
+        if material.name == name:
+            drawable = [(row, stored) for row, stored in of_shown(run, material, "pictures") if stored.keys() >= needed]
+    if not drawable:
         remedy = "published records have numbers alone, so give the folder of a run"
         raise InputError(f"figure pairs: no slices of {name} are stored in {run.folder}: {remedy}")
-    rows, others = of_same_pairs(rows)
+    rows, others = of_same_pairs(drawable)
     left_out = [row.label for row in others]
     places = _places(rows[0][1], pairs)
     with style():
-        sheet = _drawn(run, rows, left_out, places, inset)
-    title = f"{material.name}: slices and FLIP maps of chosen pairs"
-    return Figure(material.name, "pairs", title, sheet.png(), sheet)
+        sheet = _sheet(run, rows, left_out, places, inset)
+    return Figure(name, "pairs", f"{name}: slices and FLIP maps of chosen pairs", sheet.png(), sheet)
 
 
 def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
@@ -85,7 +80,7 @@ def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
     return [stored_pairs.index(pair) for pair in pairs]
 
 
-def _drawn(
+def _sheet(
     run: Run, rows: list[tuple[Row, Arrays]], left_out: list[str], places: list[int], inset: Inset | None
 ) -> Sheet:
     """The sheet: a line of pictures for each place in the stored arrays, above FLIP maps if all codecs have them.
@@ -96,7 +91,7 @@ def _drawn(
     """
     _, first = rows[0]
     height, width = first["truth"].shape[1:3]
-    factor = max(1, math.ceil(CELL / max(height, width)))
+    factor = factor_to(CELL, (height, width))
     cell_height = height * factor
     cell_width = width * factor
     block = LINE + cell_height + GAP  # the height of all that is shown of one pair
@@ -112,8 +107,8 @@ def _drawn(
         middle = column * (cell_width + GAP) + cell_width / 2
         sheet.text(middle, TOP / 2, short(label, cell_width // LETTER), ha="center", fontsize=10)
     for number, place in enumerate(places):
-        zoomed = inset or _worst(rows, place, (height, width))
-        _check(zoomed, (height, width))
+        zoomed = inset or _worst_square(rows, place, (height, width))
+        _require_within(zoomed, (height, width))
         _draw_pair(sheet, run, rows, place, TOP + number * block, zoomed, factor)
         if number == 0 and _all_have_flip(rows):  # below the first truth, which has no FLIP map
             flip_scale(sheet, left=0, middle=TOP + LINE + cell_height + cell_height // 2, width=cell_width)
@@ -150,7 +145,7 @@ def _all_have_flip(rows: list[tuple[Row, Arrays]]) -> bool:
     return all("flip" in stored for _, stored in rows)
 
 
-def _worst(rows: list[tuple[Row, Arrays]], place: int, size: tuple[int, int]) -> Inset:
+def _worst_square(rows: list[tuple[Row, Arrays]], place: int, size: tuple[int, int]) -> Inset:
     """The square of a quarter of the shorter side in which the FLIP maps of one slice are brightest together; without
     maps, the one in the centre. `place` is the slice's in the stored arrays; `size` is (height, width) in texels."""
     side = max(2, min(size) // 4)
@@ -165,7 +160,7 @@ def _worst(rows: list[tuple[Row, Arrays]], place: int, size: tuple[int, int]) ->
     return Inset(int(row), int(col), side)
 
 
-def _check(inset: Inset, size: tuple[int, int]) -> None:
+def _require_within(inset: Inset, size: tuple[int, int]) -> None:
     """Raise an `InputError` unless an inset lies within a picture of `size`, (height, width) in texels."""
     row, col, side = inset
     if side < 2 or row < 0 or col < 0 or row + side > size[0] or col + side > size[1]:

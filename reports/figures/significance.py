@@ -44,7 +44,7 @@ def _figure(material: str, where: str, first: str, differences: Differences, sty
     `material` is "" over several; `where` says of which materials it is, in words.
     """
     title = f"{where}: mean paired difference to {short(first, length=40)}"
-    differences = dict(sorted(differences.items(), key=lambda item: -item[1].mean))
+    from_best = sorted(differences.items(), key=lambda item: -item[1].mean)
     with style():
         height = 1.45 + 0.24 * (len(differences) + 1)  # inches: the head and the foot, and each row
         drawing = new(9.6, height)
@@ -55,7 +55,7 @@ def _figure(material: str, where: str, first: str, differences: Differences, sty
         axes.plot(0, 0, **styles.of_codec(first) | {"linestyle": "none"}, markersize=6)
         # A text with these has x as a share of the axes and y in rows.
         beside: Any = {"transform": axes.get_yaxis_transform(), "fontsize": 8, "va": "center"}
-        for row, (label, difference) in enumerate(differences.items(), 1):
+        for row, (label, difference) in enumerate(from_best, 1):
             look = styles.of_codec(label) | {"linestyle": "none"}
             ends = [difference.low, difference.high]
             axes.plot(ends, [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
@@ -64,7 +64,7 @@ def _figure(material: str, where: str, first: str, differences: Differences, sty
             if difference.materials >= FEWEST and not difference.apart:  # fewer materials say nothing about others
                 remark = ", not told apart"
             axes.text(1.02, row, interval(difference) + remark, **beside)
-        axes.set_yticks(range(len(differences) + 1), list(map(short, (first, *differences))), fontsize=8)
+        axes.set_yticks(range(len(differences) + 1), [short(label) for label in (first, *dict(from_best))], fontsize=8)
         rows = (len(differences) + 0.6, -0.6)  # from the bottom to the top: row 0 stands on top
         axes.set(ylim=rows, xlabel="dB a slice of display PSNR (right of 0: better)")
         axes.grid(axis="y", visible=False)

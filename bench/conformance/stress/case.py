@@ -15,7 +15,7 @@ from torch import Tensor
 from bench.btf import BTF, Array
 from bench.codec import Codec, Configured, Fit, Parts, settings_dict
 from bench.codecs import container, loading
-from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file
+from bench.codecs.encoding import error_in_words, fit_to_file
 from bench.conformance.check import CheckError, CodecUnderTest, NotApplicable
 from bench.machine.threads import torch_threads
 from bench.material import Material
@@ -84,7 +84,7 @@ class Subject:
     stored: Parts | None = None  # tensors to use instead of those of the ordinary material's file
 
     @property
-    def fits(self) -> bool:
+    def has_steps(self) -> bool:
         """Whether the codec is fitted in steps."""
         return "steps" in vars(self.tested.codec.settings)
 
@@ -101,13 +101,9 @@ class Subject:
         """A new `Fit`, with the same values for each fit."""
         return Fit(seed=1, network=self.tested.network)
 
-    def made(self, codec: Codec, btf: BTF) -> Parts:
-        """What the codec makes of a BTF, with a new fit."""
-        return fit_codec(codec, btf, self.fit()).parts
-
     def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
         """Encode with the codec's fit, or with `stretch` times its steps, then write, read and decode."""
-        if stretch > 1 and self.fits:
+        if stretch > 1 and self.has_steps:
             changes = {"steps": stretch * self.tested.codec.settings.steps} | changes
         codec = self.codec(**changes)
         path = self.tested.folder / f"stress{container.SUFFIX}"

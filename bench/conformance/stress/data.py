@@ -44,16 +44,16 @@ def values() -> Array:
 
 def material(radiance: Array, wo: Array | None = None, wi: Array | None = None) -> BTF:
     """A BTF with radiance (N, H, W, 3), by default at the pairs of the ordinary material."""
-    wo = ordinary().wo if wo is None else wo
-    wi = ordinary().wi if wi is None else wi
-    return BTF("extreme", wo, wi, ArraySource(np.asarray(radiance, np.float32)), periodic=True)
+    views = ordinary().wo if wo is None else wo
+    lights = ordinary().wi if wi is None else wi
+    return BTF("extreme", views, lights, ArraySource(np.asarray(radiance, np.float32)), periodic=True)
 
 
 def painted(radiance: Array, place: Any, value: float = HALF_MAX) -> BTF:
     """The material of a radiance (81, 8, 8, 3) with one value, by default the largest half, at some places."""
-    radiance = radiance.copy()
-    radiance[place] = value
-    return material(radiance)
+    repainted = radiance.copy()
+    repainted[place] = value
+    return material(repainted)
 
 
 def long_strip() -> BTF:
@@ -109,7 +109,7 @@ def grazing_lights() -> BTF:
     low = from_degrees(np.full(9, 89.0), np.arange(9) * 40.0)
     wi = np.tile(low, (9, 1))
     darker = wi[:, 2] / ordinary().wi[:, 2]  # (81,), because radiance contains the cosine of the light
-    return material(values() * darker[:, None, None, None], wo=None, wi=wi)
+    return material(values() * darker[:, None, None, None], wi=wi)
 
 
 def not_finite() -> BTF:
@@ -129,16 +129,13 @@ def mean_squares(encoded: Encoded, ours: Array) -> dict[str, tuple[float, float]
     return {"display": (display, 1.0), "log": (log, math.log1p(LOG_SCALE) ** 2)}
 
 
-def quality(encoded: Encoded, ours: Array) -> dict[str, float]:
-    """By space, the PSNR in dB of slices (N, H, W, 3)."""
-    reached = {}
-    for space, (mse, squared_peak) in mean_squares(encoded, ours).items():
-        reached[space] = float(psnr(mse / squared_peak, 1.0))
-    return reached
+def decibels(mse: float, squared_peak: float) -> float:
+    """The PSNR in dB of a mean squared error."""
+    return float(psnr(mse / squared_peak, 1.0))
 
 
-def sound(encoded: Encoded) -> None:
-    """The decoded slices have the size of the material, and are finite and not negative."""
+def require_valid_slices(encoded: Encoded) -> None:
+    """Raise `CheckError` unless the decoded slices are of the material's size, finite and not negative."""
     size = encoded.truth.shape[1:3]
     decoded_size = encoded.decoded.shape[1:3]
     in_words = " × ".join(map(str, decoded_size))
@@ -148,7 +145,7 @@ def sound(encoded: Encoded) -> None:
     require(not bad.any(), f"{bad.sum()} bad", f"{bad.sum()} decoded values are negative or not finite")
 
 
-def bound(encoded: Encoded) -> dict[str, float]:
+def mean_colour_bound(encoded: Encoded) -> dict[str, float]:
     """The allowed mean squared error by space: that of mean-colour, or of half a step of 8 bits."""
     mean = np.broadcast_to(encoded.truth.mean(0, dtype=np.float64), encoded.truth.shape)
     allowed = {}
@@ -158,14 +155,13 @@ def bound(encoded: Encoded) -> dict[str, float]:
     return allowed
 
 
-def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
+def no_worse_than_allowed(encoded: Encoded, allowed: dict[str, float]) -> Measured:
     """Measure the error as a share of the allowed error in each space; raise `CheckError` if it is larger."""
-    sound(encoded)
+    require_valid_slices(encoded)
     used = 0.0
     for space, (mse, squared_peak) in mean_squares(encoded, encoded.decoded).items():
-        reached = float(psnr(mse / squared_peak, 1.0))
-        required = float(psnr(allowed[space] / squared_peak, 1.0))
-        detail = f"{space} PSNR {reached:.2f} dB, required {required:.2f} dB"
+        reached = decibels(mse, squared_peak)
+        detail = f"{space} PSNR {reached:.2f} dB, required {decibels(allowed[space], squared_peak):.2f} dB"
         require(mse <= allowed[space], f"{reached:.1f} dB", detail)
         used = max(used, mse / allowed[space])
     return Measured(used=used)
@@ -173,12 +169,12 @@ def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
 
 def no_worse(encoded: Encoded) -> Measured:
     """Check that the decoded slices are no worse than mean-colour; `used` is their share of that error."""
-    return within(encoded, bound(encoded))
+    return no_worse_than_allowed(encoded, mean_colour_bound(encoded))
 
 
 def others_no_worse(encoded: Encoded) -> Measured:
     """Judge the texels without a firefly by themselves."""
-    sound(encoded)
+    require_valid_slices(encoded)
     without_firefly = encoded.truth.max((0, 3)) < HALF_MAX  # mask (H, W)
     # As one row of texels: (N, 1, texels, 3).
     truth = encoded.truth[:, without_firefly][:, None]
@@ -188,7 +184,7 @@ def others_no_worse(encoded: Encoded) -> Measured:
 
 def constants_hold(encoded: Encoded) -> Measured:
     """Check that every value of `two_constants` is off by at most the share `CONSTANT` of itself."""
-    sound(encoded)
+    require_valid_slices(encoded)
     worst = float((np.abs(encoded.decoded - encoded.truth) / encoded.truth).max())
     what = "of texels of 0.5 beside texels of 0.125, each the same at every pair, a value"
     require(worst <= CONSTANT, f"{worst:.1%}", f"{what} is off by {worst:.3%}")
@@ -199,11 +195,12 @@ def same_quality(factor: float, subject: Subject) -> None:
     """Check that the ordinary material times a factor is stored neither better nor worse than without it."""
     unscaled = subject.usual
     scaled = subject.encode(material(values() * np.float32(factor)))
-    sound(scaled)
-    before, after = quality(unscaled, unscaled.decoded), quality(scaled, scaled.decoded)
-    for space, now in after.items():
-        gained = min(now, EXACT_DB) - min(before[space], EXACT_DB)
-        detail = f"{space} PSNR {now:.2f} dB, {before[space]:.2f} dB for the same data unscaled"
+    require_valid_slices(scaled)
+    errors_before = mean_squares(unscaled, unscaled.decoded)
+    for space, error in mean_squares(scaled, scaled.decoded).items():
+        before, now = decibels(*errors_before[space]), decibels(*error)
+        gained = min(now, EXACT_DB) - min(before, EXACT_DB)
+        detail = f"{space} PSNR {now:.2f} dB, {before:.2f} dB for the same data unscaled"
         require(abs(gained) <= SAME_DB, figure=f"{gained:+.1f} dB", detail=detail)
 
 
@@ -245,11 +242,11 @@ def one_pair_holds(subject: Subject) -> Measured:
     """
     usual = subject.usual
     encoded = subject.encode(of_pairs(np.array([40]), 5), stretch=3)  # 40: of 81, the middle
-    allowed = bound(encoded)
-    usual_limits = bound(usual)  # where the codec is worse than mean-colour there, it may be as far off as that
+    allowed = mean_colour_bound(encoded)
+    usual_limits = mean_colour_bound(usual)  # where the codec is worse there, it may be as far off as mean-colour is
     for space, (usual_error, _) in mean_squares(usual, usual.decoded).items():
         allowed[space] = max(allowed[space], min(usual_error * SAME_RATIO, usual_limits[space]))
-    return within(encoded, allowed)
+    return no_worse_than_allowed(encoded, allowed)
 
 
 MEAN = "no worse than mean-colour"

@@ -66,16 +66,16 @@ CASES = (
 )
 
 
-def scored(metric: SliceMetric, case: PictureCase) -> None:
+def check_metric(metric: SliceMetric, case: PictureCase) -> None:
     """Score the pictures of a case. `CheckError` says what does not hold."""
     reference, test = case.make()
-    metric = metric.for_material(reference.reshape(-1, 3))
-    raw = metric.score(metric.prepare(reference, 1.0), test)
+    fitted = metric.for_material(reference.reshape(-1, 3))
+    raw = fitted.score(fitted.prepare(reference, 1.0), test)
     require(np.isfinite(raw), f"{raw}", f"the raw number is {raw}")
-    value = float(metric.values(np.array([raw]))[0])
+    value = float(fitted.values(np.array([raw]))[0])
     require(not np.isnan(value), "NaN", "the number in its unit is NaN")
-    perfect = abs(raw - metric.perfect) <= 1e-12  # up to rounding in float64
-    require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}; a perfect one is {metric.perfect}")
+    perfect = abs(raw - fitted.perfect) <= 1e-12  # up to rounding in float64
+    require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}; a perfect one is {fitted.perfect}")
 
 
 def _level(radiance: Array) -> Tensor:
@@ -83,7 +83,7 @@ def _level(radiance: Array) -> Tensor:
     return torch.from_numpy(np.maximum(radiance, 0)).mul(LOG_SCALE).log1p()
 
 
-def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None:
+def check_loss(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None:
     """Compute a loss between log radiances, ours and the target, and its gradient. `CheckError` says what is wrong."""
     reference, test = case.make()
     target, ours = _level(reference), _level(test).requires_grad_()
@@ -99,9 +99,9 @@ def subjects() -> dict[str, Callable[[PictureCase], None]]:
     """Every metric and loss by name."""
     tests: dict[str, Callable[[PictureCase], None]] = {}
     for name in metrics.examples():
-        tests[name] = partial(scored, metrics.get(name).load())
+        tests[name] = partial(check_metric, metrics.get(name).load())
     for loss in get_args(LogLoss):
-        tests[f"loss {loss}"] = partial(weighed, partial(distance, loss=loss))
+        tests[f"loss {loss}"] = partial(check_loss, partial(distance, loss=loss))
     return tests
 
 

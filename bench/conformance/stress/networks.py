@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from bench.codecs.encoding import fit_codec
 from bench.conformance.check import CheckError
 from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, applicable, require
 from bench.conformance.stress.data import SAME_RATIO, firefly, ordinary
@@ -129,9 +130,8 @@ def random_and_grazing() -> Queries:
     return Queries(*columns)
 
 
-def sound(material: Material, what: str = "", queries: Queries | None = None) -> None:
-    """Raise `CheckError` if an answer is negative or not finite; queries default to `random_and_grazing`."""
-    queries = queries or random_and_grazing()
+def require_valid_answers(material: Material, queries: Queries, what: str = "") -> None:
+    """Raise `CheckError` if an answer is negative or not finite; `what` begins its message."""
     answers = material.query(*queries)
     bad = ~(answers.isfinite() & (answers >= 0)).all(1)
     if bad.any():
@@ -144,20 +144,20 @@ def sound(material: Material, what: str = "", queries: Queries | None = None) ->
 
 def spoiled(make: Callable[[Subject], Material], subject: Subject) -> None:
     """Check the answers of a material that was spoiled in one way."""
-    sound(make(subject))
+    require_valid_answers(make(subject), random_and_grazing())
 
 
 def exact_sine(subject: Subject) -> None:
     """Check the answers, and the sine itself: float32 against float64 at the same arguments."""
-    sound(large_arguments(subject))
+    require_valid_answers(large_arguments(subject), random_and_grazing())
     arguments = torch.linspace(-ARGUMENT, ARGUMENT, 100_001)
     worst = float((arguments.sin().double() - arguments.double().sin()).abs().max())
     require(worst <= 2**-23, f"{worst:.1g}", f"the sine of arguments up to {ARGUMENT:g} is off by {worst:.3g}")
 
 
-def short_sound(subject: Subject, dtype: torch.dtype) -> Measured:
+def short_float(subject: Subject, dtype: torch.dtype) -> Measured:
     """Check all answers in a short float; the figure is what it costs the ordinary material."""
-    all_sound(subject, dtype)
+    all_spoiled(subject, dtype)
     queries = spread(COMPARED, theta_max_deg=75.0)
     double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries)
     ours = subject.decode(subject.parts).to(dtype=dtype).query(*queries)
@@ -171,7 +171,7 @@ def decibels(ours: Tensor, exact: Tensor) -> str:
     return f"{float(psnr(error, 1.0)):.0f} dB" if error else "exact"
 
 
-def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
+def all_spoiled(subject: Subject, dtype: torch.dtype | None = None) -> None:
     """Check the answers of the ordinary material and of all spoiled ones, in another float type if one is given."""
     makes = {"ordinary": lambda subject: subject.decode(subject.parts), **SPOILED}
     for name, make in makes.items():
@@ -181,15 +181,15 @@ def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
             continue
         if dtype:
             material = material.to(dtype=dtype)
-        sound(material, f"{name}: ")
+        require_valid_answers(material, random_and_grazing(), f"{name}: ")
 
 
 def eight_bits(subject: Subject) -> None:
-    """Try `all_sound` with the texture stored at eight bits, if the codec can."""
+    """Try `all_spoiled` with the texture stored at eight bits, if the codec can."""
     applicable("bits" in vars(subject.tested.codec.settings), "cannot store a texture at eight bits")
     codec = subject.codec(bits=8)
     tested = dataclasses.replace(subject.tested, codec=codec)
-    all_sound(Subject(tested, stored=subject.made(codec, ordinary())))
+    all_spoiled(Subject(tested, stored=fit_codec(codec, ordinary(), subject.fit()).parts))
 
 
 def gradients_at_zero(subject: Subject) -> None:
@@ -244,7 +244,7 @@ CASES = (
     *(network(name, partial(spoiled, make)) for name, make in SPOILED.items() if make is not large_arguments),
     network("sine of 1e5", exact_sine, f"{FINITE}; the sine of a float within 2⁻²³"),
     network("gradients at exact zero", gradients_at_zero, "finite"),
-    *(network(f"{name}, all of the above", partial(short_sound, dtype=dtype)) for name, dtype in SHORT_FLOATS.items()),
+    *(network(f"{name}, all of the above", partial(short_float, dtype=dtype)) for name, dtype in SHORT_FLOATS.items()),
     network("int8 texture, all of the above", eight_bits, cheap=False),
     network(
         "fitted with a firefly (reported)",

@@ -40,23 +40,23 @@ def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
     require(apart <= allowed, f"{apart:.2g}", f"three periods away the answer differs by {apart:.3g}")
     # Behind other queries, so its answer is the last.
     others = [column.flip(0) for column in spread()]
-    batch = Queries(*(torch.cat([column, own]) for column, own in zip(others, query, strict=True)))
+    batch = Queries(*(torch.cat([column, last]) for column, last in zip(others, query, strict=True)))
     apart = (material.query(*batch)[-1] - answer).abs().max().item()
     require(apart <= allowed, f"{apart:.2g}", f"in a batch with others the answer differs by {apart:.3g}")
     return answer.tolist()
 
 
-def drawn(height: int, width: int, views: int, lights: int, exponent: int, seed: int) -> BTF:
+def noise(height: int, width: int, views: int, lights: int, exponent: int, seed: int) -> BTF:
     """A material of that size, of noise up to 10 to the power of `exponent`."""
-    noise = np.random.default_rng(seed).random((views * lights, height, width, 3)) * 10.0**exponent
-    source = ArraySource(noise.astype(np.float32))
+    values = np.random.default_rng(seed).random((views * lights, height, width, 3)) * 10.0**exponent
+    source = ArraySource(values.astype(np.float32))
     return BTF("drawn", *thinned_product(ubo2003(), views, lights), source, periodic=True)
 
 
 def data_hold(subject: Subject, numbers: Sequence[int]) -> float:
-    """The largest decoded value of a material that `drawn` makes from six numbers; `CheckError` if a value is wrong."""
-    changes = {"steps": 10} if subject.fits else {}  # dozens of materials are fitted; quality is not asked here
-    encoded = subject.encode(drawn(*numbers), **changes)
+    """The largest decoded value of a material that `noise` makes from six numbers; `CheckError` if a value is wrong."""
+    changes = {"steps": 10} if subject.has_steps else {}  # dozens of materials are fitted; quality is not asked here
+    encoded = subject.encode(noise(*numbers), **changes)
     decoded = encoded.decoded
     brightest = encoded.truth.max()
     require(np.isfinite(decoded).all() and (decoded >= 0).all(), "bad", "a value is negative or not finite")
@@ -80,7 +80,7 @@ def drawn_data(subject: Subject) -> None:
     side = st.integers(1, 5)
     few = st.integers(1, 4)
     strategy = st.tuples(side, side, few, few, st.integers(-8, 6), st.integers(0, 1000))
-    _search(subject, "data", strategy, 12 if subject.fits else 60, data_hold)  # fits in steps take longer
+    _search(subject, "data", strategy, 12 if subject.has_steps else 60, data_hold)  # fits in steps take longer
 
 
 def _hypothesis() -> Any:

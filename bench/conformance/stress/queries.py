@@ -53,8 +53,8 @@ def barely_above() -> Tensor:
     return torch.from_numpy(flat)
 
 
-def at(wo: Tensor | None = None, wi: Tensor | None = None) -> Callable[[], Queries]:
-    """Random queries with another view, another light, or both."""
+def with_directions(wo: Tensor | None = None, wi: Tensor | None = None) -> Callable[[], Queries]:
+    """Random queries with this view, this light, or both: (n, 3), or one for all (3,)."""
     moved = {}
     if wo is not None:
         moved["wo"] = wo.expand(COUNT, 3).clone()
@@ -171,7 +171,7 @@ def query(
     return Case("queries", name, holds.__doc__ or "", lambda subject: holds(subject, make()), cheap)
 
 
-def below() -> Queries:
+def not_above_horizon() -> Queries:
     """Views and lights in turns at z = 0, at −0 and below."""
     queries = spread()
     side = torch.arange(COUNT) % 2 == 0  # the view of even queries is moved, the light of odd ones
@@ -187,17 +187,17 @@ def below() -> Queries:
 
 SAME_PLACE = "the answer at 0, within rounding"
 CASES = (
-    query("view at 89.99°", at(wo=grazing())),
-    query("light at 89.99°", at(wi=grazing())),
-    query("view and light at 89.99°", at(grazing(), grazing())),
-    query("view and light barely above z = 0", at(barely_above(), barely_above())),
+    query("view at 89.99°", with_directions(wo=grazing())),
+    query("light at 89.99°", with_directions(wi=grazing())),
+    query("view and light at 89.99°", with_directions(grazing(), grazing())),
+    query("view and light barely above z = 0", with_directions(barely_above(), barely_above())),
     query("ω_o = ω_i", light_of_view(1.0, 1.0, 1.0)),
     query("light mirrored to the view", light_of_view(-1.0, -1.0, 1.0)),
     query("light opposite to the view", light_of_view(-1.0, -1.0, -1.0), dark),
-    query("view at the zenith", at(wo=UP)),
-    query("light at the zenith", at(wi=UP)),
-    query("view and light at the zenith", at(UP, UP)),
-    query("z = 0 and below", below, dark),
+    query("view at the zenith", with_directions(wo=UP)),
+    query("light at the zenith", with_directions(wi=UP)),
+    query("view and light at the zenith", with_directions(UP, UP)),
+    query("z = 0 and below", not_above_horizon, dark),
     query("direction not of unit length", spread, refused),
     Case("queries", "uv = ±1e6", far_uv.__doc__ or "", far_uv, cheap=True),
     Case("queries", "uv = −0.0", SAME_PLACE, partial(edge_uv, -0.0), cheap=True),

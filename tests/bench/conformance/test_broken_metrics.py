@@ -99,7 +99,9 @@ LOSSES = {
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("kind", ["metric", "loss"])
 def test_what_breaks_there_fails(name, kind):
-    test = partial(metrics.scored, METRICS[name]) if kind == "metric" else partial(metrics.weighed, LOSSES[name])
+    test = (
+        partial(metrics.check_metric, METRICS[name]) if kind == "metric" else partial(metrics.check_loss, LOSSES[name])
+    )
     with np.errstate(all="ignore"):
         result = metrics.judge(test, CASES[name])
         assert result.verdict == "fail", result
@@ -109,6 +111,6 @@ def test_what_breaks_there_fails(name, kind):
 
 
 def test_a_loss_without_a_gradient_fails():
-    root = partial(metrics.weighed, lambda ours, target: (ours - target).square().mean().sqrt())
+    root = partial(metrics.check_loss, lambda ours, target: (ours - target).square().mean().sqrt())
     result = metrics.judge(root, CASES["both black"])
     assert (result.verdict, result.figure) == ("fail", "not finite")

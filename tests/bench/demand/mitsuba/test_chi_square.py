@@ -81,7 +81,7 @@ def busiest(lobes):
 @pytest.mark.parametrize("codec", short_for(CODECS, "mean-colour"))
 def test_chi_square(codec, tmp_path, record_property, request):
     subject = subject_of(load_codec(codec), tmp_path)
-    short = {"steps": 10} if subject.fits else {}
+    short = {"steps": 10} if subject.has_steps else {}
     names = sorted(materials.names())
     if request.config.getoption("-m") == "not long":
         names = ["leather"]
@@ -101,7 +101,7 @@ FITTED = "mean-colour hsh neumip neuralbtf neubtf-direct relief bcf rainer2019 z
 @pytest.mark.parametrize("codec", short_for(FITTED.split(), "neubtf-direct"))
 def test_a_weight_is_the_answer_over_the_density(codec, tmp_path):
     subject, count = subject_of(load_codec(codec), tmp_path), 2000
-    subject.encode(opened("satin"), **({"steps": 10} if subject.fits else {}))
+    subject.encode(opened("satin"), **({"steps": 10} if subject.has_steps else {}))
     decoded = bench.load(tmp_path / "stress.nbtf")
     bsdf = mi.load_dict({"type": "neubtf", "filename": str(tmp_path / "stress.nbtf")})
     bsdf.draw_from(torch.tensor([[[1.0, -2.0, -0.5, 0.2, -0.1]]]))
