@@ -7,7 +7,7 @@ A `Note` knows which columns each of its parts is about, so that a table with fe
 not need. A plain text stays below every table.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from statistics import fmean
 
@@ -343,18 +343,23 @@ def left_out_notes(run: Run, materials: Iterable[MaterialRows]) -> Iterator[str]
     too.
     """
     rows = [row for material in materials for row in material.rows]
-    comparable = [row for row in rows if not row.obstacle]
-    for beginning, rows_by_reason in (
-        (f"Left out, as not comparable with {standard_in_words(run)}", grouped(rows, lambda row: row.obstacle)),
-        ("Times left out", grouped(comparable, lambda row: "" if row.timed_apart else row.timing_obstacle)),
-        ("Times with a star", grouped(comparable, lambda row: row.timing_obstacle if row.timed_apart else "")),
-    ):
-        words = []
-        for why, of_reason in rows_by_reason.items():
-            if why:
-                words.append(f"{_by_codec((row.job['material'], row.label) for row in of_reason)} ({why})")
-        if words:
-            yield f"{beginning}: {'; '.join(words)}."
+    left_out = [row for row in rows if row.obstacle]
+    with_obstacle = [row for row in rows if not row.obstacle and row.timing_obstacle]
+    with_star = [row for row in with_obstacle if row.timed_apart]
+    without_time = [row for row in with_obstacle if not row.timed_apart]
+    beginning = f"Left out, as not comparable with {standard_in_words(run)}"
+    yield from _reasons_note(beginning, grouped(left_out, lambda row: row.obstacle))
+    yield from _reasons_note("Times left out", grouped(without_time, lambda row: row.timing_obstacle))
+    yield from _reasons_note("Times with a star", grouped(with_star, lambda row: row.timing_obstacle))
+
+
+def _reasons_note(beginning: str, rows_by_reason: Mapping[str, list[Row]]) -> Iterator[str]:
+    """A note on rows by the reason why something of them is left out; none without rows."""
+    words = []
+    for why, rows in rows_by_reason.items():
+        words.append(f"{_by_codec((row.job['material'], row.label) for row in rows)} ({why})")
+    if words:
+        yield f"{beginning}: {'; '.join(words)}."
 
 
 def _by_codec(cells: Iterable[tuple[str, str]]) -> str:

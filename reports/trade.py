@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import pandas as pd
 
-from bench.compare.choosing import answers, is_plain, name_of_choice, on_front
+from bench.compare.choosing import best_choices_in_words, is_plain, name_of_choice, on_front
 from bench.records import Run, Timing, conditions_in_words, grouped
 from reports.numbers import NONE
 from reports.table import Table
@@ -71,7 +71,7 @@ def _choices_table(material: str, rows: list[Timing], stale: set[str], whole: bo
     measured = [row for row in rows if "of" in row and "error" not in row]
     fronts = {"speed": on_front(measured, "ns_per_sample"), "rate": on_front(measured, "bytes")}
     beaten = {row["job"] for row in measured} - fronts["speed"] - fronts["rate"]
-    notes = list(answers(material, rows))
+    notes = list(best_choices_in_words(rows, material))
     if beaten and not whole:
         notes.append(
             f"Left out, because others beat them at these pairs: {len(beaten)} choices. --all shows them, too."

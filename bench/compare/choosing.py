@@ -191,7 +191,7 @@ def on_front(rows: Sequence[Timing], cost: Literal["ns_per_sample", "bytes"]) ->
     return {name for name, place in places.items() if not beaten(place)}
 
 
-def answers(material: str, choices: list[Timing]) -> Iterator[str]:
+def best_choices_in_words(choices: list[Timing], material: str) -> Iterator[str]:
     """Sentences that name the best choice by validation pairs, and the fastest and the smallest one within `NEAR_DB` of
     it, with their figures."""
     rungs = usable_rungs(choices, material)
@@ -200,12 +200,12 @@ def answers(material: str, choices: list[Timing]) -> Iterator[str]:
     best = max(rungs, key=lambda rung: rung.score)
     near = [rung for rung in rungs if rung.score >= best.score - NEAR_DB]
     yield f"{material}: the best is {choice_in_words(best.of)}."
-    for word, key in (("fast", "ns_per_sample"), ("small", "bytes")):
+    for most, more, key in (("fastest", "faster", "ns_per_sample"), ("smallest", "smaller", "bytes")):
         # Of the choices that are near, the one with the least time, or the fewest bytes.
         least = min(near, key=lambda rung: (rung.of[key], rung.of["ns_per_sample"]))
         is_other = least.of[key] != best.of[key]
-        answer = f"the {word}est is {choice_in_words(least.of)}" if is_other else f"no other is {word}er"
-        yield f"{material}: within {NEAR_DB} dB of it, {answer}."
+        found = f"the {most} is {choice_in_words(least.of)}" if is_other else f"no other is {more}"
+        yield f"{material}: within {NEAR_DB} dB of it, {found}."
 
 
 def is_plain(row: Timing) -> bool:

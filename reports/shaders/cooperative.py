@@ -76,7 +76,7 @@ class CooperativeWriter(Writer):
 
     def _cooperative(self, count: int, value: str) -> str:
         """The name of a new cooperative vector."""
-        name = self.statement(f"CoopVec<half, {count}>", value)
+        name = self.declare(f"CoopVec<half, {count}>", value)
         self.sizes[name] = count
         return name
 

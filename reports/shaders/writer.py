@@ -100,12 +100,15 @@ class Writer(Backend):
     def name(self, kind: str, value: str) -> str:
         """The name of a new constant of the shader that holds `value`, an expression; adds the statement.
 
-        `kind` is that of a scalar, or "vec4". `InputError` after `TOO_LONG` names.
+        `kind` is that of a scalar, or "vec4".
         """
-        return self.statement(self.dialect.type(kind), value)
+        return self.declare(self.dialect.type(kind), value)
 
-    def statement(self, type_name: str, value: str) -> str:
-        """As `name`, for a type in the dialect's own words."""
+    def declare(self, type_name: str, value: str) -> str:
+        """Declare a new constant of a type, in the dialect's own words, that holds `value`; returns its name.
+
+        `InputError` after `TOO_LONG` names.
+        """
         self.count += 1
         if self.count > TOO_LONG:
             raise InputError(f"its shader has more than {TOO_LONG} statements")

@@ -332,7 +332,7 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
 
 def read_trade(folder: Path, share: float) -> None:
     """Whatever a user may ask of a run's trade."""
-    from bench.compare.choosing import Limits, answers, best_rung, choice_in_words, nearest, usable_rungs
+    from bench.compare.choosing import Limits, best_choices_in_words, best_rung, choice_in_words, nearest, usable_rungs
     from bench.records import load_run
     from reports import table_text, write_report
 
@@ -346,7 +346,7 @@ def read_trade(folder: Path, share: float) -> None:
         limits = Limits(500_000, 90.0, 25.0)
         if rungs:
             choice_in_words((best_rung(rungs, limits) or nearest(rungs, limits)).of)
-        list(answers("satin", found))
+        list(best_choices_in_words(found, "satin"))
 
 
 @cache

@@ -12,7 +12,7 @@ import argparse
 import tempfile
 import webbrowser
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 from bench.btf import BTF
 from bench.cli.commands import assignments, say_line, several
@@ -65,7 +65,8 @@ def run(options: argparse.Namespace) -> int:
 def _models(options: argparse.Namespace, changes: dict[str, str], show: Progress) -> list[Shown]:
     """The models of the page: the truth, if it is asked for, and the files; all at the exposure of the first."""
     models = []
-    common_exposure = 0.0  # not known yet
+    btf = None
+    common_exposure = None
     if options.truth:
         btf = open_named(options.truth, changes, show)
         program, common_exposure = drawable_truth(btf, show)
@@ -73,22 +74,23 @@ def _models(options: argparse.Namespace, changes: dict[str, str], show: Progress
         models.append(Shown(f"{btf.name}, truth", program, common_exposure, note, slices=True))
     for file in map(load, options.files):
         drawn = _drawn(file, show)
-        common_exposure = common_exposure or drawn.exposure
+        common_exposure = drawn.exposure if common_exposure is None else common_exposure
         label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
-        if options.truth:
+        if btf is not None:
             require_same_size(file.header.path.name, file.material.size, btf)
-            label += f", {_psnr(file, btf, show):.2f} dB at held-out pairs"
+            label += f", {_psnr_in_words(file, btf, show)}"
         models.append(Shown(label, drawn.program, common_exposure, drawn.note, slices=drawn.slices))
     return models
 
 
-def _psnr(file: Loaded, btf: BTF, show: Progress) -> float:
-    """The number that decides, as a record has it: the mean display PSNR of a file at the test pairs of its BTF."""
+def _psnr_in_words(file: Loaded, btf: BTF, show: Progress) -> str:
+    """The number that decides, as a record has it: the mean display PSNR of a file at the deciding pairs of its BTF."""
     workbench = Workbench(btf, btf.name, metrics=(PSNR,))
     scores = workbench.scorer.score(workbench.deciding, Slices(workbench, file.material, show).slice)
     groups = {deciding_group(workbench.groups): workbench.deciding}
     summary = summarise(scores, btf.wo, btf.wi, groups)
-    return cast(float, stats_of({"scores": summary}, PSNR)["mean"])
+    pairs = "held-out pairs" if "heldout" in groups else "all pairs"
+    return f"{stats_of({'scores': summary}, PSNR)['mean']:.2f} dB at {pairs}"
 
 
 class _Drawn(NamedTuple):

@@ -215,8 +215,8 @@ class Wicker:
         rod, stake = np.floor(v * self.rods).astype(int), np.floor(u * self.stakes).astype(int)
         # Over one stake and under the next; the sign makes neighbouring rods do the other.
         sway = np.cos(np.pi * (u * self.stakes - 0.5)) * (-1.0) ** rod
-        rod_top = 0.45 * sway + 0.5 * _round(v * self.rods, 0.46)
-        stake_top = 0.55 * _round(u * self.stakes, 0.22)  # stakes are straight
+        rod_top = 0.45 * sway + 0.5 * _cylinders(v * self.rods, 0.46)
+        stake_top = 0.55 * _cylinders(u * self.stakes, 0.22)  # stakes are straight
         is_rod = rod_top >= stake_top
         top = np.maximum(rod_top, stake_top)
         rod_fibres = smooth(rng, self.resolution, 0.003, 0.08)  # noise stretched along the rod
@@ -235,7 +235,7 @@ class Wicker:
         )
 
 
-def _round(across: Array, half_width: float) -> Array:
+def _cylinders(across: Array, half_width: float) -> Array:
     """The profile of a row of cylinders, one in each unit of `across`: 1 on top, 0 at the edges, −1 in the gaps.
 
     `half_width` is that of a cylinder, in units of `across`; at 1/2 they would touch.

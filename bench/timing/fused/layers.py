@@ -17,6 +17,8 @@ from torch import Tensor, nn
 from bench.btf import Array
 from bench.training.decoder import Activation, Decoder
 
+SINE_TERMS = 6  # of the polynomial in place of a sine: its error is 2e-7
+
 
 @dataclass(frozen=True)
 class Norm:
@@ -69,13 +71,13 @@ def _numbers(tensor: Tensor | nn.Module) -> Array:
 
 
 @cache
-def sine_of_turns(terms: int = 6) -> tuple[float, ...]:
-    """The coefficients c_0, c_1, … of sin(2π t) ≈ Σ c_i t^(2i + 1) for |t| ≤ ½; with 6 of them the error is 2e-7.
+def sine_coefficients() -> tuple[float, ...]:
+    """The `SINE_TERMS` coefficients c_0, c_1, … of sin(2π t) ≈ Σ c_i t^(2i + 1) for |t| ≤ ½, t in turns.
 
     They are a polynomial in s = t², fitted to sin(2π √s) / √s at Chebyshev's points of [0, ¼], which is nearly the best
     one.
     """
     s = (1 + np.cos((2 * np.arange(200) + 1) * np.pi / 400)) / 8  # 200 points of [0, ¼]
     t = np.sqrt(s)
-    fitted = Chebyshev.fit(s, np.sin(2 * np.pi * t) / t, deg=terms - 1, domain=[0, 0.25])
+    fitted = Chebyshev.fit(s, np.sin(2 * np.pi * t) / t, deg=SINE_TERMS - 1, domain=[0, 0.25])
     return tuple(map(float, fitted.convert(kind=Polynomial).coef))

@@ -10,11 +10,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.material import HALF_MAX, at_least_float32
-from bench.timing.fused.layers import Array, Layer, Norm, layers_of, sine_of_turns
+from bench.timing.fused.layers import Array, Layer, Norm, layers_of, sine_coefficients
 from bench.training.decoder import LEAK, Decoder, Network, smelu
 
 _BITS = {"default": 1, "avx2": 256, "avx512": 512}  # of a vector, by ATEN_CPU_CAPABILITY
-_SINE = sine_of_turns()[::-1]  # from the highest power down
+_SINE = sine_coefficients()[::-1]  # from the highest power down
 
 
 class Lean(Network):
@@ -109,7 +109,7 @@ def _constant(values: Array, dtype: torch.dtype) -> nn.Parameter:
 
 
 def _sine(turns: Tensor) -> Tensor:
-    """sin(2π · turns), any shape: the polynomial of `sine_of_turns` after rounding to the nearest whole turn."""
+    """sin(2π · turns), any shape: the polynomial of `sine_coefficients` after rounding to the nearest whole turn."""
     t = turns - turns.round()  # from −½ to ½
     square = t * t
     # Horner's scheme, from the highest power down.

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from bench.inputs.errors import InputError
-from bench.timing.fused.layers import Layer, layers_of, sine_of_turns
+from bench.timing.fused.layers import Layer, layers_of, sine_coefficients
 from bench.timing.fused.target import Target
 from bench.timing.native import features
 from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder
@@ -152,10 +152,10 @@ class DrJitNetwork:
         return dr.fma(inside * inside, PARABOLA, dr.select(x > 0, x, x * LEAK))
 
     def _sine(self, turns: Any) -> Any:
-        """sin(2π · turns), by the polynomial of `sine_of_turns` from its highest power down."""
+        """sin(2π · turns), by the polynomial of `sine_coefficients` from its highest power down."""
         t = turns - dr.round(turns)
         square = t * t
-        first, *rest = sine_of_turns()[::-1]
+        first, *rest = sine_coefficients()[::-1]
         value = self.arrays.Float(first)
         for coefficient in rest:
             value = dr.fma(value, square, coefficient)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from bench.inputs.errors import InputError
 from bench.machine.devices import is_gpu
-from bench.timing.fused.layers import Array, Layer, layers_of, sine_of_turns
+from bench.timing.fused.layers import Array, Layer, layers_of, sine_coefficients
 from bench.training.decoder import BEND, LEAK, PARABOLA, Architecture, Decoder, Network
 
 BLOCK = 128  # samples of one Triton program
@@ -119,7 +119,7 @@ def _network(  # type: ignore[no-untyped-def]
             scale = tl.rsqrt(tl.sum(hidden * hidden, 1) / USED + eps)
             hidden = hidden * scale[:, None] * tl.load(here + WIDTH)[None, :] + tl.load(here + 2 * WIDTH)[None, :]
         if ACTIVATION == "sine":
-            # In turns, less the nearest whole turn; then the polynomial of `sine_of_turns`.
+            # In turns, less the nearest whole turn; then the polynomial of `sine_coefficients`.
             turn = hidden - tl.floor(hidden + 0.5)
             s = turn * turn
             hidden = (((((C5 * s + C4) * s + C3) * s + C2) * s + C1) * s + C0) * turn
@@ -198,7 +198,7 @@ class TritonNetwork(Network):
             "PRECISION": "tf32" if tf32 else _exact(parameter),
             "WIDEN": not is_gpu(parameter.device),  # on a processor the kernel is interpreted, see `_product`
         }
-        for number, coefficient in enumerate(sine_of_turns()):  # of the polynomial in place of the sine
+        for number, coefficient in enumerate(sine_coefficients()):  # of the polynomial in place of the sine
             self.options[f"C{number}"] = coefficient
         self.eps = norm.eps if norm else 0.0
 

@@ -13,7 +13,7 @@ from bench import cli, timing
 from bench.cli.commands import choose as choose_command
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
-from bench.compare.choosing import answers, name_of_choice, on_front, usable_rungs
+from bench.compare.choosing import best_choices_in_words, name_of_choice, on_front, usable_rungs
 from bench.conformance.check import tiny_btf
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
@@ -300,11 +300,11 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
     rows = [row | {"material": "m", "execution": "eager", "dtype": "float32"} for row in rows]
     rows = [row | {"ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]} for row in rows]
     rows = [row | {"validation": {"pooled": row["psnr"], "mean": row["psnr"], "slices": 9}} for row in rows]
-    best, fastest, smallest = answers("m", rows)
+    best, fastest, smallest = best_choices_in_words(rows, "m")
     assert all(part in best for part in ("big", "40.00 dB", "1,000 bytes", "100 ns"))
     assert re.search(r"\bfast\b", fastest)
     assert re.search(r"\bsmall\b", smallest)
-    _, fastest, smallest = answers("m", rows[2:3])
+    _, fastest, smallest = best_choices_in_words(rows[2:3], "m")
     assert "no other" in fastest
     assert "no other" in smallest
 
