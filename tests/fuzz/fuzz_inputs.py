@@ -319,12 +319,12 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
         found = compare(*pair)
         markdown(found), terminal(found), annotations(found), junit(found), tracker(load_run(folder))
     elif share < 0.55:
-        from bench.cli.commands.history import _table
+        from bench.cli.commands.history import _table_of_means
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # which lines were left out
             frame = load_runs([folder, sound])
-        _table(frame)
+        _table_of_means(frame)
     else:
         for form in ("text", "markdown", "latex", "csv"):
             table_text(folder, form)
