@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from baselines.components import principal
+from baselines.components import principal_components
 from bench.btf import BTF
 from bench.codec import Fit
 from bench.training import compress, expand
@@ -20,14 +20,14 @@ CLUSTERING_BATCH = 4_096  # points of a step of k-means
 MOST_CODES = 65_536  # as many as two bytes can number
 
 
-def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, Tensor, Array]:
+def reduced_abrdfs(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, Tensor, Array]:
     """The mean (3 · pairs,) of log ABRDFs, principal directions (3 · pairs, k), and the texels' points (H · W, k).
 
     k is `components`, or the rank of the data if it is lower. A texel's log ABRDF is about mean + directions · its
     point. Directions have length 1, in a fit to a scene with each pair weighted by its demand. So the distance of two
     points is about that of their ABRDFs.
     """
-    factors = principal(btf, fit, gain, components, PASSES, BLOCK_BYTES)
+    factors = principal_components(btf, fit, gain, components, PASSES, BLOCK_BYTES)
     weighted_basis = factors.basis  # (3 · pairs, k)
     if fit.row_weights is not None:  # of squares, so the values are weighted by the root
         weighted_basis = weighted_basis * fit.row_weights.to(fit.device).sqrt()[:, None]
@@ -37,23 +37,23 @@ def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, T
     return factors.mean.cpu(), directions.cpu(), points
 
 
-def clustered(points: Array, codes: int, seed: int) -> Array:
-    """The cluster (n,) of each point (n, k), of at most `codes` clusters, numbered without gaps.
+def cluster_labels(points: Array, clusters: int, seed: int) -> Array:
+    """The cluster (n,) of each point (n, k), of at most so many `clusters`, numbered without gaps.
 
-    If no more points than `codes` are distinct, each distinct point is a cluster. `seed` is that of k-means.
+    If no more points than `clusters` are distinct, each distinct point is a cluster. `seed` is that of k-means.
     """
     from sklearn.cluster import MiniBatchKMeans
 
-    if codes == 1 or points.shape[1] == 0:
+    if clusters == 1 or points.shape[1] == 0:
         return np.zeros(len(points), np.int64)  # one cluster; points of no numbers are all alike
     # Points are equal if they are in steps of 2⁻¹² of the largest number, about the precision of a half.
     step = 2.0**-12 * np.abs(points).max(initial=0)
     if step == 0:  # all points are 0, and any step will do
         step = 1.0
-    distinct, label = np.unique(np.round(points / step), axis=0, return_inverse=True)
-    if len(distinct) <= codes:
+    distinct_points, label = np.unique(np.round(points / step), axis=0, return_inverse=True)
+    if len(distinct_points) <= clusters:
         return label.reshape(-1)
-    kmeans = MiniBatchKMeans(codes, batch_size=CLUSTERING_BATCH, n_init=3, random_state=seed % 2**32)
+    kmeans = MiniBatchKMeans(clusters, batch_size=CLUSTERING_BATCH, n_init=3, random_state=seed % 2**32)
     # A cluster may be empty; the inverse numbers the others without gaps.
     _, without_gaps = np.unique(kmeans.fit_predict(points), return_inverse=True)
     return without_gaps

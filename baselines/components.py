@@ -21,7 +21,9 @@ from bench.training.svd import Factors, blocks, truncated_svd
 PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # the values that measure the error of rounding: these pairs at these texels
 
 
-def principal(btf: BTF, fit: Fit, gain: float | None, count: int, passes: int, block_bytes: int = 0) -> Factors:
+def principal_components(
+    btf: BTF, fit: Fit, gain: float | None, count: int, passes: int, block_bytes: int = 0
+) -> Factors:
     """The `count` strongest principal components of the texels' ABRDFs, found in `passes` passes over the data.
 
     ABRDFs hold log1p(gain · radiance), or radiance if `gain` is None, in the rows of `bench.training.svd.blocks`.
@@ -32,7 +34,7 @@ def principal(btf: BTF, fit: Fit, gain: float | None, count: int, passes: int, b
     return truncated_svd(read, shape, count, passes, fit.generator(), fit.device, fit.row_weights)
 
 
-def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
+def probed_values(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
     """At most `PROBED_PAIRS` random pairs (P,) in order, and their values (3 · P, texels), three rows of each pair.
 
     Values are log1p(gain · radiance), or radiance if `gain` is None.

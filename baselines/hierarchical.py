@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from baselines.neumip import (
-    COARSE_SHARE,
+    COARSE_ONE_IN,
     Networks,
     NeuMIP,
     NeuMIPObjective,
@@ -28,7 +28,7 @@ from baselines.neumip import (
     log_of,
     texture_costs,
 )
-from baselines.pyramids import queries_of, sampled
+from baselines.pyramids import queries_of, sample_levels
 from bench.inputs.settings import BatchSize, NotNegative, Range
 from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
 from bench.metrics.display import LOG_SCALE
@@ -39,7 +39,7 @@ CHANNELS = 25  # between the layers: 7, 12, 3 and 3 of the branches
 BRANCHES = (7, 12, 3, 3)  # of 1 × 1, 3 × 3 and 5 × 5, and of the maximum of 3 × 3
 HALO = 4  # neighbours on each side that two modules see: their largest kernels, of 5 × 5, take two each
 SIDE = 2 * HALO + 1  # places a side that the decoder sees for one answer
-ANSWERED = 1_024  # queries at a time, of 81 places each
+QUERIES_AT_ONCE = 1_024  # of 81 places each
 SOBEL = ((1.0, 0.0, -1.0), (2.0, 0.0, -2.0), (1.0, 0.0, -1.0))
 GRADIENT_FROM = 0.25  # of the steps: from there on the loss has its term on gradients
 DARKEST = 1e-7  # least radiance × exposure of which a root is taken: at 0 its gradient would be infinite
@@ -197,12 +197,12 @@ class HierarchicalNetworks(Networks):
             if in_fit:  # the offset's texture has one level, 0
                 offset_latents = pyramid.fetch(offset, uv, torch.zeros_like(texel_levels))
             else:
-                offset_latents = sample_texture(offset.unflatten(0, pyramid.levels[0]), uv)
-            uv = self.move(uv, offset_latents, wo.repeat_interleave(texels, 0), pyramid.reach)
+                offset_latents = sample_texture(offset.unflatten(0, pyramid.level_sizes[0]), uv)
+            uv = self.moved(uv, offset_latents, wo.repeat_interleave(texels, 0), pyramid.reach)
         if in_fit:
             latents = pyramid.fetch(table, uv, texel_levels)
         else:
-            latents = sampled(pyramid, table, uv, texel_levels)
+            latents = sample_levels(pyramid, table, uv, texel_levels)
         numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), wide, wide))
         out = self.decoder(self.direction_numbers(wo, wi), numbers)  # (n, S, S, 3), in YUV
         return to_radiance(out @ self.to_rgb.to(out.dtype), gain=1.0)
@@ -254,9 +254,9 @@ class HierarchicalObjective(NeuMIPObjective):
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3). Each sample is answered by itself, as the material does, at the finest level."""
         textures = self.textures(progress)
-        uv, wo, wi, level = (values.split(ANSWERED) for values in queries_of(self.levels, 0, batch))
+        blocks = [values.split(QUERIES_AT_ONCE) for values in queries_of(self.levels, 0, batch)]
         answers = []
-        for queries in zip(uv, wo, wi, level, strict=True):  # a part of them at a time
+        for queries in zip(*blocks, strict=True):  # a block of them at a time
             answers.append(self.networks.pictures(self.pyramid, textures, queries))
         return log_of(torch.cat(answers)[:, 0, 0])  # pictures of one texel
 
@@ -269,8 +269,8 @@ class HierarchicalObjective(NeuMIPObjective):
         """
         settings = self.settings
         patch = settings.patch
-        *queries, target, pair = self._drawn(generator)
-        ours = self.networks.pictures(self.pyramid, self.textures(progress), tuple(queries), patch)
+        middle, wo, wi, level, target, pair = self._drawn_patches(generator)
+        ours = self.networks.pictures(self.pyramid, self.textures(progress), (middle, wo, wi, level), patch)
         if settings.loss == "root":  # `ours` is gain · radiance, which over LOG_SCALE is radiance × exposure
             ours = (ours / LOG_SCALE).clamp_min(DARKEST) ** 0.25
             target = (target.expm1() / LOG_SCALE).clamp_min(DARKEST) ** 0.25
@@ -286,18 +286,18 @@ class HierarchicalObjective(NeuMIPObjective):
             loss = loss + settings.gradient * gradients(ours - target).square().mean()
         return loss
 
-    def _drawn(self, generator: torch.Generator) -> list[Tensor]:
+    def _drawn_patches(self, generator: torch.Generator) -> list[Tensor]:
         """The random patches of a step, as many as the setting `batch` fills, a share of them of a coarser level.
 
         Returns what `_patches` does, for all of them.
         """
         count = max(1, self.settings.batch // self.settings.patch**2)  # patches of all levels
-        coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0  # of these patches, those of a coarser level
-        patches = [self._patches(0, count - coarse, generator)]
-        if coarse:
+        coarse_count = count // COARSE_ONE_IN if len(self.levels) > 1 else 0  # of these, those of a coarser level
+        patches = [self._patches(0, count - coarse_count, generator)]
+        if coarse_count:
             level = int(torch.randint(1, len(self.levels), (), generator=generator))
-            patches.append(self._patches(level, coarse, generator))
-        return [torch.cat(tensors) for tensors in zip(*patches, strict=True)]
+            patches.append(self._patches(level, coarse_count, generator))
+        return [torch.cat(tensors) for tensors in zip(*patches, strict=True)]  # of each the tensors of all patches
 
     def _patches(self, level: int, count: int, generator: torch.Generator) -> tuple[Tensor, ...]:
         """Random patches of S × S texels of a level, which wrap around its borders.
@@ -357,13 +357,13 @@ class HierarchicalMaterial(Material):
             flops_per_sample=flops,
             bytes_per_sample=SIDE**2 * numbers_read * table.element_size(),
         )
-        super().__init__(pyramid.levels[0], cost)
+        super().__init__(pyramid.level_sizes[0], cost)
         self.networks = networks
         self.pyramid = pyramid
         self.table = table
         self.offset = offset
         self.gain = gain
-        self.chunk = ANSWERED  # queries that `Material` passes to `evaluate` at once, on a CPU
+        self.chunk = QUERIES_AT_ONCE  # queries that `Material` passes to `evaluate` at once, on a CPU
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. Each is a picture of one texel, of the

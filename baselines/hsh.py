@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from baselines.components import probed, rounded_coefficients
+from baselines.components import probed_values, rounded_coefficients
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import NotNegative, Range
@@ -54,12 +54,12 @@ class HSH(Codec):
     recipes: ClassVar = {"paper": {"bits": 8, "domain": "rgb", "cosine": False, "smoothness": 0.0}}
 
     @staticmethod
-    def of_light(wi: Tensor, bands: int) -> Tensor:
+    def light_functions(wi: Tensor, bands: int) -> Tensor:
         """The functions (n, …) of lights (n, 3), band after band."""
         return harmonics(wi, bands)
 
     @staticmethod
-    def in_band(band: int) -> int:
+    def functions_in_band(band: int) -> int:
         """The number of functions of the light in a band."""
         return 2 * band + 1
 
@@ -84,19 +84,19 @@ class HSH(Codec):
         light_bands = min(settings.lights, math.isqrt(len(btf.layout.lights)))
         view_bands = min(settings.views, math.isqrt(len(btf.layout.views)))
         bands = [light_bands, view_bands]
-        cosine = _cosine(torch.from_numpy(btf.wi), settings.cosine)
-        solve = self._solution(btf, bands, cosine, fit).to(fit.device)  # (K, N)
+        cosine = _cosine_or_one(torch.from_numpy(btf.wi), settings.cosine)
+        solution = self._solution(btf, bands, cosine, fit).to(fit.device)  # (K, N)
         texels = btf.shape[0] * btf.shape[1]
-        coefficients = torch.zeros(len(solve), texels * 3, device=fit.device)
-        step = max(1, BLOCK_BYTES // (texels * 12))  # pictures read at once, of three float32 a texel
+        coefficients = torch.zeros(len(solution), texels * 3, device=fit.device)
+        pictures_at_once = max(1, BLOCK_BYTES // (texels * 12))  # of three float32 a texel
         pictures = iter(fit.progress(btf, total=len(btf)))
-        for rows in torch.arange(len(btf)).split(step):
+        for rows in torch.arange(len(btf)).split(pictures_at_once):
             block = np.stack(list(itertools.islice(pictures, len(rows))))  # (rows, H, W, 3), the next pictures
             values = torch.from_numpy(block).flatten(1).clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)
             if settings.domain == "log":
                 values = (gain * values).log1p()
-            # The product solve · values of all pairs is the sum of those of each block of pairs.
-            coefficients += solve[:, rows] @ values  # values are (rows, texels · 3)
+            # The product solution · values of all pairs is the sum of those of each block of pairs.
+            coefficients += solution[:, rows] @ values  # values are (rows, texels · 3)
         texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 0, 3).flatten(2)  # (H, W, 3 · K)
         rounding = self._rounding(btf, texture, gain, bands, fit)
         other = {"gain": torch.tensor([gain]), "bands": torch.tensor(bands, dtype=torch.uint8)}
@@ -107,14 +107,15 @@ class HSH(Codec):
 
         `bands` are the numbers of bands of light and view.
         """
-        pairs, values = probed(btf, fit, None)  # radiance (3 · P, texels): `gain` enters after the division below
+        pairs, values = probed_values(btf, fit, None)  # radiance (3 · P, texels): `gain` enters after the division
         wo, wi = torch.from_numpy(btf.wo)[pairs], torch.from_numpy(btf.wi)[pairs]
-        cosine = _cosine(wi, self.settings.cosine).repeat_interleave(3, 0)
+        cosine = _cosine_or_one(wi, self.settings.cosine).repeat_interleave(3, 0)
         values = values.clamp_min(0) / cosine.to(values)
         if self.settings.domain == "log":
             values = (gain * values).log1p()
         # Each colour has coefficients of its own: the rows of a colour are 0 at those of the others.
-        of_colours = torch.einsum("pk,cd->pckd", basis(wo, wi, bands, self.of_light), torch.eye(3))  # (P, 3, K, 3)
+        terms = basis(wo, wi, bands, self.light_functions)  # (P, K)
+        of_colours = torch.einsum("pk,cd->pckd", terms, torch.eye(3))  # (P, 3, K, 3)
         # An error of radiance is one of radiance / cosine times the cosine, so rows and values are multiplied by it.
         rows = of_colours.flatten(2).flatten(0, 1) * cosine  # (3 · P, 3 · K)
         rows = rows.to(values)
@@ -129,13 +130,13 @@ class HSH(Codec):
         `bands` are the numbers of bands of light and view, `cosine` (N, 1) is that of each pair's light, or 1.
         """
         wo, wi = torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double()
-        terms = basis(wo, wi, bands, self.of_light)  # (N, K)
+        terms = basis(wo, wi, bands, self.light_functions)  # (N, K)
         # An error of radiance is one of radiance / cosine times the cosine.
         weight = cosine.double().square()  # (N, 1)
         if fit.density is not None:  # in a fit to a scene, its demand for each pair
             weight = weight * fit.density.weights.double()[:, None]
-        light_roughness = torch.tensor(_roughness(bands[0], self.in_band))
-        view_roughness = torch.tensor(_roughness(bands[1], HSH.in_band))
+        light_roughness = torch.tensor(_roughness(bands[0], self.functions_in_band))
+        view_roughness = torch.tensor(_roughness(bands[1], HSH.functions_in_band))
         # In the order of `basis`: of each function of the light all of the view.
         roughness = (light_roughness[:, None] + view_roughness).flatten().double()  # (K,)
         # The normal equations: (terms' weighted products + penalty) · solution = (weighted terms)'.
@@ -148,11 +149,11 @@ class HSH(Codec):
         too many bands."""
         texture = load_texture("coefficients", parts.texture)
         bands = parts.other["bands"].tolist()
-        of_light = sum(self.in_band(band) for band in range(bands[0]))
-        if texture.shape[2] != 3 * of_light * bands[1] ** 2 or max(bands) > MOST_BANDS:
+        light_count = sum(self.functions_in_band(band) for band in range(bands[0]))
+        if texture.shape[2] != 3 * light_count * bands[1] ** 2 or max(bands) > MOST_BANDS:
             raise ValueError(f"{texture.shape[2]} coefficients a texel for {bands} bands")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
-        return HSHMaterial(texture, bands, gain, self.settings.cosine, self.of_light).to(device)
+        return HSHMaterial(texture, bands, gain, self.settings.cosine, self.light_functions).to(device)
 
 
 class PTM(HSH):
@@ -175,36 +176,36 @@ class PTM(HSH):
     physical = True  # a polynomial of few terms over the cosine is no constant near the horizon
 
     @staticmethod
-    def of_light(wi: Tensor, bands: int) -> Tensor:
+    def light_functions(wi: Tensor, bands: int) -> Tensor:
         return polynomials(wi, bands)
 
     @staticmethod
-    def in_band(band: int) -> int:
+    def functions_in_band(band: int) -> int:
         return band + 1
 
 
-def _roughness(bands: int, in_band: Callable[[int], int]) -> list[float]:
+def _roughness(bands: int, functions_in_band: Callable[[int], int]) -> list[float]:
     """How much each function of some bands varies: l (l + 1) for those of band l.
 
     Of harmonics it is minus the eigenvalue of the Laplacian.
     """
     roughness = []
     for band in range(bands):
-        roughness += [band * (band + 1.0)] * in_band(band)
+        roughness += [band * (band + 1.0)] * functions_in_band(band)
     return roughness
 
 
-def _cosine(wi: Tensor, divided: bool) -> Tensor:
-    """What radiance is divided by: the cosines (n, 1) of lights (n, 3) if `divided`, else ones."""
-    return wi[:, 2:].clamp_min(LEAST_COSINE) if divided else torch.ones_like(wi[:, 2:])
+def _cosine_or_one(wi: Tensor, cosine: bool) -> Tensor:
+    """What radiance is divided by, (n, 1): with the setting `cosine` the cosines of lights (n, 3), else ones."""
+    return wi[:, 2:].clamp_min(LEAST_COSINE) if cosine else torch.ones_like(wi[:, 2:])
 
 
-def basis(wo: Tensor, wi: Tensor, bands: list[int], of_light: Callable[[Tensor, int], Tensor]) -> Tensor:
+def basis(wo: Tensor, wi: Tensor, bands: list[int], light_functions: Callable[[Tensor, int], Tensor]) -> Tensor:
     """The products (n, K) of the functions of lights and the harmonics of views, both (n, 3), of as many bands each.
 
     Of each function of the light there are the products with all harmonics of the view.
     """
-    light, view = of_light(wi, bands[0]), harmonics(wo, bands[1])
+    light, view = light_functions(wi, bands[0]), harmonics(wo, bands[1])
     return (light[:, :, None] * view[:, None]).flatten(1)
 
 
@@ -266,11 +267,13 @@ class HSHMaterial(Material):
         bands: list[int],
         gain: float | None,
         cosine: bool,
-        of_light: Callable[[Tensor, int], Tensor],
+        light_functions: Callable[[Tensor, int], Tensor],
     ):
-        """Count the cost of an answer, and keep the parts. `bands` are the numbers of bands of the functions of the
-        light, `of_light`, and of the harmonics of the view; with `cosine` coefficients are of radiance over the cosine
-        of the light."""
+        """Count the cost of an answer, and keep the parts.
+
+        `bands` are the numbers of bands of the `light_functions` and of the harmonics of the view; with `cosine`
+        coefficients are of radiance over the cosine of the light.
+        """
         height, width, channels = texture.shape
         times_coefficients = 2 * channels  # multiply and add each coefficient
         products = channels // 3  # one for each function of the light with each of the view
@@ -281,13 +284,13 @@ class HSHMaterial(Material):
         self.bands = bands
         self.gain = gain
         self.cosine = cosine
-        self.of_light = of_light
+        self.light_functions = light_functions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
         of detail."""
         coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (-1, 3))
-        level = torch.einsum("nkc,nk->nc", coefficients, basis(wo, wi, self.bands, self.of_light))
+        level = torch.einsum("nkc,nk->nc", coefficients, basis(wo, wi, self.bands, self.light_functions))
         # `level` is log1p(gain · radiance), or without `gain` radiance; with `cosine`, of radiance over the cosine.
         radiance = level if self.gain is None else to_radiance(level, self.gain)
-        return radiance * _cosine(wi, self.cosine)
+        return radiance * _cosine_or_one(wi, self.cosine)

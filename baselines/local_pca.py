@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.clusters import clustered, pack_index, reduced, unpack_index
-from baselines.components import probed, probed_texels
+from baselines.clusters import cluster_labels, pack_index, reduced_abrdfs, unpack_index
+from baselines.components import probed_texels, probed_values
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
@@ -24,7 +24,7 @@ from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, at_least_float32, saturated, texel_corners, to_radiance
 from bench.training import Bits, Rounding, gain_of, load_table, load_texture, round_after, store_table, store_texture
 
-SPANNED = 64  # principal components of all texels, in which the clusters' means and components are found
+SPANNING_COMPONENTS = 64  # principal components of all texels, in which the clusters' means and components are found
 ROUNDS = 30  # of moving texels and finding components; most fits end earlier
 
 
@@ -51,12 +51,12 @@ class LocalPCA(Codec):
         """
         gain = gain_of(btf, fit)
         settings = self.settings
-        mean, directions, points = reduced(btf, gain, max(SPANNED, settings.components), fit)
+        mean, directions, points = reduced_abrdfs(btf, gain, max(SPANNING_COMPONENTS, settings.components), fit)
         local = local_components(points, settings.clusters, settings.components, fit.seed)
         count = len(local.means)
         table = _table(local, mean, directions)  # (N, 3, clusters · (k + 1))
         texture = torch.from_numpy(local.coefficients).unflatten(0, btf.shape)  # (H, W, k)
-        pairs, values = probed(btf, fit, gain)
+        pairs, values = probed_values(btf, fit, gain)
         table_rounding, texture_rounding = self._roundings(table, texture, local, pairs, values)
         coefficients = store_texture("coefficients", texture, texture_rounding)
         # The colours of a component follow each other, so that one predicts the next.
@@ -126,16 +126,18 @@ def local_components(points: np.ndarray, clusters: int, components: int, seed: i
     are over. `seed` is that of the first clusters.
     """
     components = min(components, points.shape[1])
-    label = clustered(points, clusters, seed)
+    label = cluster_labels(points, clusters, seed)
     for _ in range(ROUNDS):
-        means, axes = _fitted(points, label, components)
-        # Errors (clusters, n), of which each point takes the least.
-        errors = np.stack([_error(points - mean, axis) for mean, axis in zip(means, axes, strict=True)])
-        _, new_label = np.unique(errors.argmin(0), return_inverse=True)  # the inverse numbers without gaps
+        means, axes = _means_and_axes(points, label, components)
+        # Of each cluster the errors (n,) of all points; each point takes the cluster of the least.
+        errors = []
+        for mean, cluster_axes in zip(means, axes, strict=True):
+            errors.append(_squared_distances(points - mean, cluster_axes))
+        _, new_label = np.unique(np.argmin(errors, 0), return_inverse=True)  # the inverse numbers without gaps
         if np.array_equal(new_label, label):
             break
         label = new_label
-    means, axes = _fitted(points, label, components)  # anew, because the last round may have moved points
+    means, axes = _means_and_axes(points, label, components)  # anew, because the last round may have moved points
     coefficients = np.einsum("nk,nkc->nc", points - means[label], axes[label])
     # Coefficients are divided by the largest of their component, which is multiplied by it instead.
     peak = np.abs(coefficients).max(0, initial=0)  # (components,)
@@ -146,7 +148,7 @@ def local_components(points: np.ndarray, clusters: int, components: int, seed: i
 def _table(local: LocalComponents, mean: Tensor, directions: Tensor) -> Tensor:
     """The components (N, 3, clusters · (k + 1)) of all clusters at N pairs, of each its mean first.
 
-    `mean` (3 · N,) and `directions` (3 · N, spanned) are those of `reduced`, on which clusters were found.
+    `mean` (3 · N,) and `directions` (3 · N, spanned) are those of `reduced_abrdfs`, on which clusters were found.
     """
     # The mean of each cluster is its first component, whose coefficient is 1: (clusters, spanned, k + 1).
     components = torch.cat([torch.from_numpy(local.means)[..., None], torch.from_numpy(local.axes)], 2)
@@ -155,7 +157,7 @@ def _table(local: LocalComponents, mean: Tensor, directions: Tensor) -> Tensor:
     return table.unflatten(0, (-1, 3))
 
 
-def _fitted(points: np.ndarray, label: np.ndarray, components: int) -> tuple[np.ndarray, np.ndarray]:
+def _means_and_axes(points: np.ndarray, label: np.ndarray, components: int) -> tuple[np.ndarray, np.ndarray]:
     """The mean (clusters, k) of each cluster of points (n, k), and its strongest directions (clusters, k, components).
 
     `label` (n,) is each point's cluster. Directions are orthonormal, the strongest first.
@@ -163,14 +165,15 @@ def _fitted(points: np.ndarray, label: np.ndarray, components: int) -> tuple[np.
     means, axes = [], []
     for cluster in range(label.max() + 1):
         members = points[label == cluster].astype(np.float64)
-        means.append(members.mean(0))
-        members -= means[-1]
+        mean = members.mean(0)
+        members -= mean
         _, directions = np.linalg.eigh(members.T @ members)
+        means.append(mean)
         axes.append(directions[:, ::-1][:, :components])  # reversed, because the last is the strongest
     return np.stack(means).astype(np.float32), np.stack(axes).astype(np.float32)
 
 
-def _error(points: np.ndarray, axes: np.ndarray) -> np.ndarray:
+def _squared_distances(points: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """The squared distance (n,) of points (n, k) from the span of orthonormal directions (k, components)."""
     # Pythagoras: the squared length without that within the span.
     return np.square(points).sum(1) - np.square(points @ axes).sum(1)

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from baselines import pyramids
-from baselines.pyramids import Levels, drawn, fitted_levels, mixed, queries_of, sampled
+from baselines.pyramids import Levels, drawn_samples, fitted_level_count, mixed_rows, queries_of, sample_levels
 from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
@@ -50,7 +50,7 @@ OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to
 # blur: a fit that drifted to four times it kept that depth, 7 dB below others.
 DEEPEST = 1.0
 LOWEST_COSINE = 0.6  # least z of the view: below it, the offset stops growing
-COARSE_SHARE = 4  # one of this many samples is of a coarser level
+COARSE_ONE_IN = 4  # one of this many samples is of a coarser level
 # Gaussian blur, σ in texels. That of the latents falls exponentially from the first to the last.
 FIRST_BLUR = 8.0
 FADING = 3 * math.log(8)  # the exponent's rate, over the whole fit
@@ -104,7 +104,7 @@ class Pyramid(Levels):
 
         Levels (n,) are floats or of an integer type: see `Levels.around`. It is for a fit: it has a gradient.
         """
-        return mixed(table, *self.around(uv, level))
+        return mixed_rows(table, *self.around(uv, level))
 
 
 class Networks(nn.Module):
@@ -146,7 +146,7 @@ class Networks(nn.Module):
         outputs[:3] = torch.linalg.solve(self.to_rgb.T, radiance.log1p())
         self.decoder.start_at(outputs)
 
-    def move(self, uv: Tensor, latents: Tensor, wo: Tensor, reach: Tensor) -> Tensor:
+    def moved(self, uv: Tensor, latents: Tensor, wo: Tensor, reach: Tensor) -> Tensor:
         """uv (n, 2) shifted along the view wo (n, 3) by the offset network's output for latents (n, C) of its texture.
 
         `reach` (2,) is that of `Pyramid`: uv of an offset of 1.
@@ -177,7 +177,7 @@ def answer(
     uv, wo, wi, level = queries
     if offset is not None:
         finest = torch.zeros_like(level, dtype=torch.long)
-        uv = networks.move(uv, pyramid.fetch(offset, uv, finest), wo, pyramid.reach)
+        uv = networks.moved(uv, pyramid.fetch(offset, uv, finest), wo, pyramid.reach)
     return networks.colour(pyramid.fetch(table, uv, level), wo, wi)
 
 
@@ -201,11 +201,13 @@ class NeuMIPObjective(Objective):
         finest = first_latents(self.samples, settings.channels, settings.start, generator)
         self.table = nn.Parameter(self._first_table(finest, generator))
         # Components that separate texels also separate heights; from zeros the offset is found late or never.
-        first = torch.zeros_like(finest) if settings.start == "random" else finest.clone()
-        self.offset = nn.Parameter(first) if settings.offset else None
-        self.rounded_table = Rounding(settings.channels, settings.bits, sizes=self.pyramid.levels)
-        of_offset = [self.samples.shape]
-        self.rounded_offset = Rounding(settings.channels, settings.bits, sizes=of_offset) if settings.offset else None
+        first_offset = torch.zeros_like(finest) if settings.start == "random" else finest.clone()
+        self.offset = nn.Parameter(first_offset) if settings.offset else None
+        self.rounded_table = Rounding(settings.channels, settings.bits, sizes=self.pyramid.level_sizes)
+        offset_sizes = [self.samples.shape]  # its texture has one level
+        self.rounded_offset = (
+            Rounding(settings.channels, settings.bits, sizes=offset_sizes) if settings.offset else None
+        )
 
     def _first_table(self, finest: Tensor, generator: torch.Generator) -> Tensor:
         """The first latents (rows, C) of all levels: the finest ones (H · W, C), and box averages of them.
@@ -218,8 +220,8 @@ class NeuMIPObjective(Objective):
             coarser = RANDOM_SPREAD * torch.randn(count, channels, generator=generator)
             return torch.cat([finest, coarser])
         picture = finest.T.unflatten(1, self.samples.shape)  # (C, H, W)
-        levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
-        return torch.cat([level.flatten(1).T for level in levels])  # (rows of all levels, C)
+        averages = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.level_sizes)
+        return torch.cat([average.flatten(1).T for average in averages])  # (rows of all levels, C)
 
     def phase(self, progress: float) -> Hashable:
         return phase_by_halves(progress)
@@ -234,32 +236,32 @@ class NeuMIPObjective(Objective):
         textures = [self.table] if self.offset is None else [self.table, self.offset]
         return [*networks, {"params": textures, "lr": settings.rate}]
 
-    def blurred(self, progress: float) -> tuple[Tensor, Tensor | None]:
+    def blurred_textures(self, progress: float) -> tuple[Tensor, Tensor | None]:
         """The table and the offset texture as they are looked up at some progress of the fit, from 0 to 1.
 
         The offset's is always blurred, the table only by the setting `blur`. σ in texels is halved from each level to
         the next, so it is as wide on the surface. The offset's texture is None if there is no offset.
         """
         table: Tensor = self.table
-        of_offset = falling(OFFSET_BLUR)
+        of_offset = falloff_factor(OFFSET_BLUR)
         if self.settings.blur:
-            of_offset, *of_levels = on_host(self._fallings, progress, self.table.device).tensors
-            parts = zip(table.split(self.pyramid.counts), self.pyramid.levels, of_levels, strict=True)
-            table = torch.cat([blur(values, size, fall) for values, size, fall in parts])
+            of_offset, *of_levels = on_host(self._falloff_factors, progress, self.table.device).tensors
+            parts = zip(table.split(self.pyramid.counts), self.pyramid.level_sizes, of_levels, strict=True)
+            table = torch.cat([blur(values, size, factor) for values, size, factor in parts])
         if self.offset is None:
             return table, None
         return table, blur(self.offset, self.samples.shape, of_offset)
 
-    def _fallings(self, progress: float) -> FromHost:
+    def _falloff_factors(self, progress: float) -> FromHost:
         """What `blur` takes with the setting `blur`, another number at each step: for the offset's texture, then for
         the levels of the table."""
         sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress))
-        of_levels = [falling(sigma / 2**level) for level in range(len(self.pyramid.levels))]
-        return FromHost([falling(max(sigma, OFFSET_BLUR)), *of_levels], plan=())
+        of_levels = [falloff_factor(sigma / 2**level) for level in range(len(self.pyramid.level_sizes))]
+        return FromHost([falloff_factor(max(sigma, OFFSET_BLUR)), *of_levels], plan=())
 
     def textures(self, progress: float) -> tuple[Tensor, Tensor | None]:
-        """The table and the offset texture of `blurred`, rounded as the file will hold them, once bits are chosen."""
-        table, offset = self.blurred(progress)
+        """The table and the offset texture of `blurred_textures`, rounded as in the file once bits are chosen."""
+        table, offset = self.blurred_textures(progress)
         if offset is not None and self.rounded_offset is not None:
             offset = self.rounded_offset(offset)
         return self.rounded_table(table), offset
@@ -274,8 +276,8 @@ class NeuMIPObjective(Objective):
         _, offset = self.textures(1.0)
         assert offset is not None
         latents = self.pyramid.fetch(offset, uv, torch.zeros_like(level, dtype=torch.long))
-        moved = self.networks.move(uv, latents, wo, self.pyramid.reach)
-        farthest = float((moved - uv).abs().max())
+        moved_uv = self.networks.moved(uv, latents, wo, self.pyramid.reach)
+        farthest = float((moved_uv - uv).abs().max())
         if farthest <= 1:
             return []
         return [f"its offset moves look-ups by up to {farthest:.3g} pictures"]
@@ -287,7 +289,7 @@ class NeuMIPObjective(Objective):
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """Three errors by the weights of `LOSSES`, the last of radiance × exposure; or the loss `display`."""
-        queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
+        queries, target, pair = drawn_samples(self.levels, self.settings.batch, COARSE_ONE_IN, generator)
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
         if self.settings.loss == "display":
             return self.distance(log_of(ours), target, pair, progress)
@@ -307,19 +309,19 @@ def log_of(values: Tensor) -> Tensor:
     return values.clamp_min(-0.1).log1p()
 
 
-def falling(sigma: float) -> Tensor:
+def falloff_factor(sigma: float) -> Tensor:
     """−2 π² σ², a float64 scalar, for a Gaussian of σ in texels: its spectrum is exp(−2 π² σ² f²)."""
     return torch.tensor(-2 * (math.pi * sigma) ** 2, dtype=torch.float64)
 
 
-def blur(texture: Tensor, size: tuple[int, int], fall: Tensor) -> Tensor:
-    """A periodic texture (H · W, C) of a size (H, W), convolved with a Gaussian, whose `falling` is given."""
+def blur(texture: Tensor, size: tuple[int, int], factor: Tensor) -> Tensor:
+    """A periodic texture (H · W, C) of a size (H, W), convolved with a Gaussian, whose `falloff_factor` is `factor`."""
     height, width = size
     device = texture.device
     down = torch.fft.fftfreq(height, device=device)  # (H,), frequencies
     across = torch.fft.rfftfreq(width, device=device)  # (W // 2 + 1,)
     squared_frequency = down.square()[:, None] + across.square()  # (H, W // 2 + 1)
-    gaussian = (fall * squared_frequency).exp()
+    gaussian = (factor * squared_frequency).exp()
     spectrum = torch.fft.rfft2(texture.reshape(height, width, -1), dim=(0, 1))  # (H, W // 2 + 1, C)
     smooth = torch.fft.irfft2(spectrum * gaussian[..., None], s=size, dim=(0, 1))
     return smooth.reshape(height * width, -1)
@@ -355,7 +357,7 @@ class NeuMIPMaterial(Material):
             flops_per_sample=network_flops + 2 * numbers_read + yuv_to_rgb,  # what is read is multiplied and added
             bytes_per_sample=numbers_read * table.element_size(),
         )
-        super().__init__(pyramid.levels[0], cost)
+        super().__init__(pyramid.level_sizes[0], cost)
         self.networks = networks
         self.pyramid = pyramid
         self.table = table
@@ -366,8 +368,8 @@ class NeuMIPMaterial(Material):
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The offset moves uv first."""
         if self.offset is not None:
             latents = sample_texture(self.offset.unflatten(0, self.size), uv)
-            uv = self.networks.move(uv, latents, wo, self.pyramid.reach)
-        latents = sampled(self.pyramid, self.table, uv, self.pyramid.level(footprint))
+            uv = self.networks.moved(uv, latents, wo, self.pyramid.reach)
+        latents = sample_levels(self.pyramid, self.table, uv, self.pyramid.level(footprint))
         return self.networks.colour(latents, wo, wi) / self.gain
 
 
@@ -411,13 +413,13 @@ class NeuMIP(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit all levels, and store the pyramid and the offset's texture as they are looked up at the fit's end."""
         gain = gain_of(btf, fit)
-        count = fitted_levels(btf, fit, level_count(btf.shape))  # all, or those that a scene sees
+        count = fitted_level_count(btf, fit, level_count(btf.shape))  # all, or those that a scene sees
         levels = Samples.levels(btf, count, gain, fit)
         objective = self.objective(levels, self.settings, fit.generator())
         progress = train(objective, fit, self.settings.steps, self.settings.patience)  # share of the steps taken
         # As blurred in the last step, because the file holds what is looked up.
-        pyramid, offset = objective.blurred(progress=progress)
-        level_sizes = objective.pyramid.levels
+        pyramid, offset = objective.blurred_textures(progress=progress)
+        level_sizes = objective.pyramid.level_sizes
         texture = store_texture("pyramid", pyramid.detach(), objective.rounded_table, level_sizes)
         if offset is not None and objective.rounded_offset is not None:
             texture |= store_texture("offset", offset.detach(), objective.rounded_offset, [btf.shape])
@@ -437,7 +439,7 @@ class NeuMIP(Codec):
             raise ValueError(f"a pyramid of {levels} levels over {height} × {width} texels")
         pyramid = Pyramid((height, width), levels)
         offset = load_texture("offset", parts.texture, [(height, width)]) if self.settings.offset else None
-        table = load_texture("pyramid", parts.texture, pyramid.levels)
+        table = load_texture("pyramid", parts.texture, pyramid.level_sizes)
         channels = self.settings.channels
         table_fits = table.shape == (sum(pyramid.counts), channels)
         offset_fits = offset is None or offset.shape == (height * width, channels)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.components import ComponentsMaterial, principal, probed, rounded_coefficients
+from baselines.components import ComponentsMaterial, principal_components, probed_values, rounded_coefficients
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
@@ -22,7 +22,7 @@ from bench.training import Bits, gain_of, load_table, load_texture, round_after,
 from bench.training.quantise import FloatPrecision, pack, unpack
 from bench.training.svd import Factors, strongest
 
-LARGE = 4 << 30  # bytes of a matrix in float32; the components of a larger one are found in a part: see `_of_part`
+LARGE = 4 << 30  # bytes of a matrix in float32; the components of a larger one are found in a part of it
 PART_PAIRS, PART_TEXELS = 2_048, 16_384  # the part: its pairs, and the texels at which all pairs are then fitted
 SPARE = 64  # components of the part beyond the requested ones
 PAIRS_AT_ONCE = 64  # pairs that are read and fitted together
@@ -60,13 +60,13 @@ class PCA(Codec):
         log = self.settings.domain == "log"
         gain = gain_of(btf, fit) if log else 1.0
         log_gain = gain if log else None  # None: radiance is decomposed as it is
-        factors = self._factors(btf, fit, log_gain)
+        factors = self._factors_of(btf, fit, log_gain)
         bits = self.settings.bits
         texture = factors.coefficients.T.unflatten(0, btf.shape)  # (H, W, k)
         mean = factors.mean.reshape(-1, 3)  # (N, 3)
         basis = factors.basis.unflatten(0, (-1, 3))  # (N, 3, k)
         # Some values, (3 · P, texels), which tell how finely coefficients and components must be rounded.
-        pairs, values = probed(btf, fit, log_gain)
+        pairs, values = probed_values(btf, fit, log_gain)
         # First the coefficients are rounded, with exact components. (3 · P, 1): the mean, apart from the components.
         apart_mean = mean[pairs].reshape(-1, 1)
         rows = basis[pairs].flatten(0, 1)  # (3 · P, k)
@@ -96,36 +96,36 @@ class PCA(Codec):
             other={"gain": torch.tensor([gain]), **pack_layout(btf.layout)},
         )
 
-    def _factors(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
-        """The components of a BTF, found in a part of it if its matrix is `LARGE`. `gain` is as in `_of_all`."""
+    def _factors_of(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
+        """The components of a BTF, found in a part of it if its matrix is `LARGE`; `gain` as in `_factors_of_all`."""
         matrix_bytes = 12 * len(btf) * btf.shape[0] * btf.shape[1]  # three float32 a texel and pair
         if matrix_bytes > LARGE and not fit.density:  # a fit to a scene always reads all
-            return self._of_part(btf, fit, gain)
-        return self._of_all(btf, fit, gain)
+            return self._factors_of_part(btf, fit, gain)
+        return self._factors_of_all(btf, fit, gain)
 
-    def _of_all(self, btf: BTF, fit: Fit, gain: float | None, spare: int = 0) -> Factors:
+    def _factors_of_all(self, btf: BTF, fit: Fit, gain: float | None, spare: int = 0) -> Factors:
         """The components of all texels and pairs of a BTF, as many as the setting asks for, and `spare` more.
 
         `gain` is that of log radiance; None: of radiance as it is.
         """
-        return principal(btf, fit, gain, self.settings.components + spare, self.settings.passes)
+        return principal_components(btf, fit, gain, self.settings.components + spare, self.settings.passes)
 
-    def _of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
+    def _factors_of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
         """The components of a whole measurement, for which four readings would take a quarter of an hour.
 
         First more components than requested are found in some of the pairs, at all texels. Then each pair is fitted by
         their coefficients at some texels, by least squares, which gives components of all pairs. The strongest of these
-        are kept. Against a reading of everything the error of a row grows by 0.6 %. `gain` is as in `_of_all`.
+        are kept. Against a reading of everything the error of a row grows by 0.6 %. `gain` is as in `_factors_of_all`.
         """
         # Some pairs and some texels at random, each in order; each draw starts from the seed of the fit.
         pairs = torch.randperm(len(btf), generator=fit.generator())[:PART_PAIRS].sort().values
         texel_count = btf.shape[0] * btf.shape[1]
         texels = torch.randperm(texel_count, generator=fit.generator())[:PART_TEXELS].sort().values
-        factors = self._of_all(btf.subset(pairs.numpy()), fit, gain, SPARE)
+        factors = self._factors_of_all(btf.subset(pairs.numpy()), fit, gain, SPARE)
         # The mean is the first component, whose coefficient is 1: (k + 1, texels).
         coefficients = functional.pad(factors.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)
-        # The least squares of values = coefficientsᵀ · components: solve · values, with solve (k + 1, texels).
-        solve = torch.linalg.pinv(coefficients).T.float()
+        # The least squares of values = coefficientsᵀ · components are solution · values.
+        solution = torch.linalg.pinv(coefficients).T.float()  # (k + 1, texels)
         rows, columns = np.divmod(texels.numpy(), btf.shape[1])
         components = []
         for start in fit.progress(range(0, len(btf), PAIRS_AT_ONCE), "fitting each pair"):
@@ -133,7 +133,7 @@ class PCA(Codec):
             values = torch.from_numpy(next_pairs.texels(rows, columns)).flatten(1).to(fit.device)
             if gain is not None:  # log radiance, in place
                 values.clamp_min_(0).mul_(gain).log1p_()
-            components.append(solve @ values)  # (k + 1, 3 · pairs), of values (texels, 3 · pairs)
+            components.append(solution @ values)  # (k + 1, 3 · pairs), of values (texels, 3 · pairs)
         table = torch.cat(components, 1)  # (k + 1, 3 · N), the mean first
         return strongest(Factors(table[0], table[1:].T, factors.coefficients), self.settings.components)
 

@@ -33,24 +33,25 @@ def level_of(footprint: Tensor, side: int, count: int) -> Tensor:
     return (footprint.float() * side).log2().clamp(0, count - 1)
 
 
-def fitted_levels(btf: BTF, fit: Fit, count: int) -> int:
+def fitted_level_count(btf: BTF, fit: Fit, count: int) -> int:
     """The number of levels of detail that are fitted: all `count`, or in a fit to a scene those that it sees."""
     return min(count, fit.density.levels(max(btf.shape))) if fit.density else count
 
 
-def drawn(
-    levels: Sequence[Samples], count: int, share: int, generator: torch.Generator
+def drawn_samples(
+    levels: Sequence[Samples], count: int, coarse_one_in: int, generator: torch.Generator
 ) -> tuple[Queries, Tensor, Tensor]:
     """`count` random samples: their queries, their targets (count, 3) of log radiance, and their pairs (count,).
 
-    `levels` are the samples of each level. One of `share` is of a coarser level, if there is one, drawn once for all.
+    `levels` are the samples of each level. If there are coarser ones, one sample in `coarse_one_in` is of one of them,
+    which is drawn once for all.
     """
-    coarse = count // share if len(levels) > 1 else 0
-    batches = [levels[0].draw(count - coarse, generator)]
+    coarse_count = count // coarse_one_in if len(levels) > 1 else 0
+    batches = [levels[0].draw(count - coarse_count, generator)]
     queries = [queries_of(levels, 0, batches[0])]
-    if coarse:
+    if coarse_count:
         level = int(torch.randint(1, len(levels), (), generator=generator))
-        batches.append(levels[level].draw(coarse, generator))
+        batches.append(levels[level].draw(coarse_count, generator))
         queries.append(queries_of(levels, level, batches[1]))
     uv, wo, wi, level_of_detail = zip(*queries, strict=True)  # of each the tensors of all batches
     target = torch.cat([batch.target for batch in batches])
@@ -81,16 +82,16 @@ class Levels(nn.Module):
     def __init__(self, size: tuple[int, int], levels: int):
         """Lay out so many `levels` of a picture of `size` (H, W)."""
         super().__init__()
-        self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels)]  # (rows, columns) of each
-        self.counts = counts = [height * width for height, width in self.levels]  # texels of each
+        self.level_sizes = [(size[0] >> level, size[1] >> level) for level in range(levels)]  # (rows, columns) of each
+        self.counts = counts = [height * width for height, width in self.level_sizes]  # texels of each
         self.side = max(size)
         starts = [sum(counts[:i]) for i in range(levels)]  # the row of each level's first texel
-        self.sizes = nn.Buffer(torch.tensor(self.levels), persistent=False)  # (levels, 2)
+        self.sizes = nn.Buffer(torch.tensor(self.level_sizes), persistent=False)  # (levels, 2)
         self.starts = nn.Buffer(torch.tensor(starts), persistent=False)  # (levels,)
 
     def level(self, footprint: Tensor) -> Tensor:
         """The level (n,), a float, of footprints (n,): see `level_of`."""
-        return level_of(footprint, self.side, len(self.levels))
+        return level_of(footprint, self.side, len(self.level_sizes))
 
     def corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table (n, 4) and bilinear weights (n, 4) around uv (n, 2), at levels (n,) of an integer type.
@@ -125,14 +126,16 @@ class Levels(nn.Module):
         index, weight = self.corners(uv, finer)
         if level.is_floating_point():
             share = (level - finer)[:, None]  # of the way to the coarser level
-            coarser = (finer + 1).clamp_max(len(self.levels) - 1)  # the coarsest has no coarser one; its share is 0
+            coarser = (finer + 1).clamp_max(
+                len(self.level_sizes) - 1
+            )  # the coarsest has no coarser one; its share is 0
             coarser_index, coarser_weight = self.corners(uv, coarser)
             index = torch.cat([index, coarser_index], 1)
             weight = torch.cat([weight * (1 - share), coarser_weight * share], 1)
         return index, weight
 
 
-def mixed(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
+def mixed_rows(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
     """The sums (n, C) of rows of a table (rows, C), of k rows `index` (n, k) each, times their weights (n, k).
 
     It is for a fit: an embedding bag's gradient takes more than twice as long.
@@ -141,7 +144,7 @@ def mixed(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
     return (corners * weight[..., None].to(table.dtype)).sum(1)
 
 
-def sampled(levels: Levels, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
+def sample_levels(levels: Levels, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
     """Values (n, C) of a table (rows, C) at uv (n, 2) and levels (n,), for answers, which need no gradient.
 
     If all levels are the finest, it is one bilinear fetch.
@@ -149,7 +152,7 @@ def sampled(levels: Levels, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
     # A recording and a GPU take no branch: the first cannot, the second would have to wait for `level.any()`.
     can_branch = not (torch.compiler.is_exporting() or is_gpu(uv.device))
     if can_branch and not level.any():
-        finest = table[: levels.counts[0]].unflatten(0, levels.levels[0])  # (H, W, C)
+        finest = table[: levels.counts[0]].unflatten(0, levels.level_sizes[0])  # (H, W, C)
         return sample_texture(finest, uv)
     index, weight = levels.around(uv, level)
     return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
@@ -164,9 +167,9 @@ class Pyramid(Levels):
 
     def table(self, finest: Tensor) -> Tensor:
         """The table (rows, C) of all levels of a texture (H · W, C), each the means of 2 × 2 texels of the last."""
-        picture = finest.reshape(1, *self.levels[0], -1).permute(0, 3, 1, 2)  # (1, C, H, W)
+        picture = finest.reshape(1, *self.level_sizes[0], -1).permute(0, 3, 1, 2)  # (1, C, H, W)
         tables = [finest]
-        for _ in self.levels[1:]:
+        for _ in self.level_sizes[1:]:
             picture = functional.avg_pool2d(picture, 2)
             tables.append(picture[0].flatten(1).T)
         return torch.cat(tables)
@@ -177,5 +180,5 @@ class Pyramid(Levels):
         Levels (n,) are floats or of an integer type: see `around`.
         """
         if not (table.requires_grad or uv.requires_grad):
-            return sampled(self, table, uv, level)
-        return mixed(table, *self.around(uv, level))  # the gradient of `sampled` would take longer
+            return sample_levels(self, table, uv, level)
+        return mixed_rows(table, *self.around(uv, level))  # the gradient of `sample_levels` would take longer

@@ -4,8 +4,8 @@ The reflectance is that of the built-in materials (`bench.data.materials.brdf`: 
 neither parallax nor cast shadows, and no anisotropy. The maps are fitted by the loop of every learned codec, stored in
 eight bits as pictures are, and averaged for larger footprints: colours in linear light, normals as vectors.
 
-A texel's *maps* are `CHANNELS` numbers, linear colour from 0 to 1 among them; its *codes* are the `STORED` bytes of a
-file. The fit compares log radiance.
+A texel's *maps* are `CHANNELS` numbers, linear colour from 0 to 1 among them; its *codes* are the `STORED_CHANNELS`
+bytes of a file. The fit compares log radiance.
 """
 
 from collections.abc import Hashable
@@ -26,14 +26,14 @@ from bench.metrics.display import decode_srgb, encode_srgb
 from bench.training import Batch, Loss, Objective, ParameterGroup, Samples, compress, expand, fitted
 
 CHANNELS = 8  # of a fetched texel: linear base colour, normal, roughness, metalness
-STORED = 7  # the normal's z follows from x and y
-SEEN = 256  # pairs whose mean radiance the base colour starts from
-READ = 16  # how many pairs are read at once
+STORED_CHANNELS = 7  # of a texel's codes: the normal's z follows from x and y
+ALBEDO_PAIRS = 256  # pairs by whose radiance the base colour starts
+PAIRS_AT_ONCE = 16  # pairs of these that are read together
 ROUGHNESS, METALNESS = 0.7, 0.1  # initial values
 WHITE = 0.8  # base colour that the brightest tenth of the texels starts from
-DARK = 1e-30  # least brightness: keeps the scale of black data above 0, since its logarithm is fitted
+LEAST_BRIGHTNESS = 1e-30  # keeps the scale of black data above 0, since its logarithm is fitted
 SCALE_RATE = 0.1  # relative to the rate of the maps
-FLOPS = 150  # operations of the reflectance
+REFLECTANCE_FLOPS = 150  # operations of `shaded`, about
 
 
 class SVBRDF(Codec):
@@ -54,14 +54,14 @@ class SVBRDF(Codec):
         """Fit the maps, and store their codes (H, W, 7), eight bits each, and the factor on the radiance."""
         fitting = fitted(MapsObjective, self.settings, btf, fit)
         maps = fitting.maps(fitting.numbers.detach())
-        codes = codes_of(maps).reshape(*btf.shape, STORED)
+        codes = codes_of(maps).reshape(*btf.shape, STORED_CHANNELS)
         other = {"scale": fitting.log_scale.detach().exp().cpu(), "size": torch.tensor(btf.shape, dtype=torch.int32)}
-        return Parts(texture={"maps": compress(codes, [8] * STORED)}, other=other)
+        return Parts(texture={"maps": compress(codes, [8] * STORED_CHANNELS)}, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device."""
         height, width = parts.other["size"].tolist()
-        codes = expand(parts.texture["maps"], (height, width, STORED))
+        codes = expand(parts.texture["maps"], (height, width, STORED_CHANNELS))
         return MapsMaterial(codes, float(parts.other["scale"])).to(device)
 
 
@@ -106,14 +106,14 @@ class MapsObjective(Objective):
         metalness."""
         super().__init__(samples, settings)
         albedo = _albedo(samples, generator)  # (texels, 3)
-        bright = float(np.percentile(albedo.cpu().numpy(), 90))
-        if bright == 0:  # most texels are black
-            bright = float(albedo.max())
-        bright = max(bright, DARK)
+        brightness = float(np.percentile(albedo.cpu().numpy(), 90))
+        if brightness == 0:  # most texels are black
+            brightness = float(albedo.max())
+        brightness = max(brightness, LEAST_BRIGHTNESS)
         # Measured data may have any unit, so a factor on the reflected radiance is fitted with the maps.
-        self.log_scale = nn.Parameter(torch.tensor([bright / WHITE]).log())
+        self.log_scale = nn.Parameter(torch.tensor([brightness / WHITE]).log())
         # (texels, 3). Clamped, because the logits of 0 and 1 are infinite.
-        base = (albedo * (WHITE / bright)).clamp(0.01, 0.99).logit()
+        base = (albedo * (WHITE / brightness)).clamp(0.01, 0.99).logit()
         roughness, metalness = torch.tensor([ROUGHNESS, METALNESS]).logit()
         # The normal points straight up: x and y are 0. These four numbers are the same for each texel.
         rest = torch.tensor([0, 0, roughness, metalness]).expand(len(base), 4)
@@ -143,22 +143,22 @@ class MapsObjective(Objective):
 
 def _albedo(samples: Samples, generator: torch.Generator) -> Tensor:
     """The factor (texels, 3) by which a rough white plane is nearest to the texels, over some pairs."""
-    # At most `SEEN` random pairs, in order.
-    pairs = torch.randperm(samples.pairs, generator=generator)[:SEEN].sort().values.to(samples.device)
+    # At most `ALBEDO_PAIRS` random pairs, in order.
+    pairs = torch.randperm(samples.pairs, generator=generator)[:ALBEDO_PAIRS].sort().values.to(samples.device)
     # White base colour, a flat normal, roughness 1, metalness 0: in the order of `CHANNELS`.
     white = torch.tensor([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0], device=samples.device).expand(len(pairs), CHANNELS)
     of_plane = shaded(white, samples.wo[pairs], samples.wi[pairs])[:, 0]  # (pairs,): one colour, as all are equal
     # The least squares of radiance = factor · of_plane: Σ of_plane · radiance / Σ of_plane².
     weights = of_plane / of_plane.square().sum()
     total = torch.zeros(samples.texels, 3, device=samples.device)
-    for some_pairs, some_weights in zip(pairs.split(READ), weights.split(READ), strict=True):
-        radiance = samples.slices(some_pairs).expm1()  # (texels, READ, 3), times the gain
+    for some_pairs, some_weights in zip(pairs.split(PAIRS_AT_ONCE), weights.split(PAIRS_AT_ONCE), strict=True):
+        radiance = samples.slices(some_pairs).expm1()  # (texels, PAIRS_AT_ONCE, 3), times the gain
         total += (radiance * some_weights[:, None]).sum(1)
     return total / samples.gain
 
 
 def codes_of(maps: Tensor) -> Tensor:
-    """The codes (n, `STORED`), whole numbers from 0 to 255, of maps (n, `CHANNELS`): base colour as sRGB.
+    """The codes (n, `STORED_CHANNELS`), whole numbers from 0 to 255, of maps (n, `CHANNELS`): base colour as sRGB.
 
     x and y of the normal, from −1 to 1, become shares from 0 to 1.
     """
@@ -169,7 +169,7 @@ def codes_of(maps: Tensor) -> Tensor:
 
 
 def maps_of(codes: Tensor) -> Tensor:
-    """The maps (n, `CHANNELS`) float32 of codes (n, `STORED`)."""
+    """The maps (n, `CHANNELS`) float32 of codes (n, `STORED_CHANNELS`)."""
     shares = codes.float() / 255  # from 0 to 1
     colour = torch.from_numpy(decode_srgb(shares[:, :3].numpy())).float()
     xy = 2 * shares[:, 3:5] - 1
@@ -182,8 +182,10 @@ class MapsMaterial(Material):
     """Maps and their averages over larger boxes, looked up trilinearly; the answer is `scale` × their radiance."""
 
     def __init__(self, codes: Tensor, scale: float):
-        """Make the levels of detail, count the cost of an answer, and keep the parts. `codes` (H, W, `STORED`) are
-        bytes."""
+        """Make the levels of detail, count the cost of an answer, and keep the parts.
+
+        `codes` (H, W, `STORED_CHANNELS`) are bytes.
+        """
         size = (codes.shape[0], codes.shape[1])
         self.codes = codes.to(torch.uint8)
         self.pyramid = Pyramid(size)
@@ -193,7 +195,7 @@ class MapsMaterial(Material):
         cost = DecoderCost(
             texture_channels=CHANNELS,
             texture_floats=table.numel(),
-            flops_per_sample=FLOPS + 2 * numbers_read,  # each is multiplied and added
+            flops_per_sample=REFLECTANCE_FLOPS + 2 * numbers_read,  # each is multiplied and added
             bytes_per_sample=numbers_read * table.element_size(),
         )
         super().__init__(size, cost)

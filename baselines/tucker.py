@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.components import ComponentsMaterial, principal, probed, rounded_coefficients
+from baselines.components import ComponentsMaterial, principal_components, probed_values, rounded_coefficients
 from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
@@ -28,7 +28,7 @@ from bench.training.quantise import FloatPrecision, pack, unpack
 from bench.training.svd import Factors
 
 PASSES = 4  # passes over the data, one if they are small
-OVERSAMPLED = 2  # components of the texels that the alternation chooses from, as a multiple of those kept
+OVERSAMPLING = 2  # components of the texels that the alternation chooses from, as a multiple of those kept
 
 
 class Tucker(Codec):
@@ -71,24 +71,24 @@ class Tucker(Codec):
         gain = gain_of(btf, fit)
         log_gain = gain if settings.domain == "log" else None  # None: radiance is decomposed as it is
         # The components of texels, then the factors of the table on them.
-        factors = principal(btf, fit, log_gain, OVERSAMPLED * settings.components, PASSES)
-        tensor, texel_basis = _tensor(factors, layout)
+        factors = principal_components(btf, fit, log_gain, OVERSAMPLING * settings.components, PASSES)
+        tensor, texel_components = _tensor(factors, layout)
         ranks = (settings.components, *_direction_ranks(settings, layout))
-        texel, view, light, core = factored(tensor, ranks, settings.alternations)
-        core, coefficients = _scaled(core, texel_basis.T @ texel)
+        texel_basis, view_basis, light_basis, first_core = tucker_factors(tensor, ranks, settings.alternations)
+        core, coefficients = _scaled(first_core, texel_components.T @ texel_basis)
         coefficients = coefficients.reshape(*btf.shape, -1)  # (H, W, K)
         # How finely coefficients are rounded: by their errors in the values of P probed pairs.
         bits = settings.bits
-        pairs, values = probed(btf, fit, log_gain)
-        view_index, light_index = _modes(layout)
-        views, lights = view[view_index[pairs]], light[light_index[pairs]]  # (P, J), (P, M)
+        pairs, values = probed_values(btf, fit, log_gain)
+        view_index, light_index = _mode_indices(layout)
+        views, lights = view_basis[view_index[pairs]], light_basis[light_index[pairs]]  # (P, J), (P, M)
         rows = torch.einsum("pj,pm,jmck->pck", views, lights, core).flatten(0, 1)  # (3 · P, K + 1)
         rounding = rounded_coefficients(coefficients, bits, rows[:, :1], rows[:, 1:], values)
         precision: FloatPrecision = "float32" if bits == 32 else "half"
         # One channel for each slice of the core, because their sizes differ by orders of magnitude.
         decoder = store_texture("core", core, rounding_with_zero(core, bits))
-        decoder |= pack("view", view, precision)
-        decoder |= pack("light", light, precision)
+        decoder |= pack("view", view_basis, precision)
+        decoder |= pack("light", light_basis, precision)
         return Parts(
             decoder=decoder,
             texture=store_texture("coefficients", coefficients, rounding),
@@ -99,20 +99,20 @@ class Tucker(Codec):
         """The material of a file's parts, on a device. `ValueError` if core and components do not fit."""
         texture = load_texture("coefficients", parts.texture)
         core = load_texture("core", parts.decoder)
-        view, light = unpack("view", parts.decoder), unpack("light", parts.decoder)
+        view_basis, light_basis = unpack("view", parts.decoder), unpack("light", parts.decoder)  # (V, J), (L, M)
         layout = unpack_layout(parts.other)
-        view_index, light_index = _modes(layout)
-        core_shape = (view.shape[1], light.shape[1], 3, texture.shape[2] + 1)  # (J, M, 3, K + 1)
+        view_index, light_index = _mode_indices(layout)
+        core_shape = (view_basis.shape[1], light_basis.shape[1], 3, texture.shape[2] + 1)  # (J, M, 3, K + 1)
         if core.shape != core_shape:
             raise ValueError(f"its core is {tuple(core.shape)}, but its factors need {core_shape}")
-        if int(view_index.max()) >= len(view) or int(light_index.max()) >= len(light):
+        if int(view_index.max()) >= len(view_basis) or int(light_index.max()) >= len(light_basis):
             raise ValueError("its pairs name a view or light that it has no components of")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
-        modes = view[view_index], light[light_index]  # (N, J), (N, M), of all pairs
-        return TuckerMaterial(texture, core, modes, PairInterpolator(layout), gain).to(device)
+        pair_factors = view_basis[view_index], light_basis[light_index]  # (N, J), (N, M)
+        return TuckerMaterial(texture, core, pair_factors, PairInterpolator(layout), gain).to(device)
 
 
-def _modes(layout: Layout) -> tuple[Tensor, Tensor]:
+def _mode_indices(layout: Layout) -> tuple[Tensor, Tensor]:
     """The place of each of N pairs along the mode of views and along that of lights, (N,) each.
 
     If the pairs are not all products of some views and lights, the mode of views is one of pairs, and that of lights
@@ -126,7 +126,7 @@ def _modes(layout: Layout) -> tuple[Tensor, Tensor]:
 def _direction_ranks(settings: Tucker.Settings, layout: Layout) -> tuple[int, int]:
     """The most components of the modes of views and of lights.
 
-    Pairs that form no product are one mode, as in `_modes`, whose components may be as many as those of both.
+    Pairs that form no product are one mode, as in `_mode_indices`, whose components may be as many as those of both.
     """
     if layout.grid is None:
         return min(settings.views * settings.lights, len(layout.view)), 1
@@ -142,7 +142,7 @@ def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
     length = torch.linalg.vector_norm(factors.coefficients, dim=1, keepdim=True)
     texels = factors.coefficients.shape[1]
     rows = torch.cat([factors.mean[:, None] * texels**0.5, factors.basis * length.T], 1)  # (3 · N, k + 1)
-    view, light = _modes(layout)
+    view, light = _mode_indices(layout)
     tensor = torch.zeros(rows.shape[1], int(view.max()) + 1, int(light.max()) + 1, 3, device=rows.device)
     tensor[:, view, light] = rows.T.unflatten(1, (-1, 3))  # (k + 1, N, 3), each pair to its view and light
     return tensor, factors.coefficients / length
@@ -151,8 +151,8 @@ def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
 def _scaled(core: Tensor, coefficients: Tensor) -> tuple[Tensor, Tensor]:
     """The core (J, M, 3, K + 1) for coefficients (T, K) of T texels from −1 to 1, and these.
 
-    Given are the core (K + 1, J, M, 3) of `factored` and coefficients of any range. Each is divided by the largest of
-    its component, and the core's slice is multiplied by it, so that eight bits suit all slices equally.
+    Given are the core (K + 1, J, M, 3) of `tucker_factors` and coefficients of any range. Each is divided by the
+    largest of its component, and the core's slice is multiplied by it, so that eight bits suit all slices equally.
     """
     scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)  # (K,)
     of_mean = core[:1] / len(coefficients) ** 0.5  # √T, by which `_tensor` multiplied the mean
@@ -160,7 +160,7 @@ def _scaled(core: Tensor, coefficients: Tensor) -> tuple[Tensor, Tensor]:
     return torch.cat([of_mean, of_components]).permute(1, 2, 3, 0).contiguous(), coefficients / scale
 
 
-def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
+def leading_basis(tensor: Tensor, mode: int, rank: int) -> Tensor:
     """The orthonormal basis (size, ≤ rank) of an axis, `mode`, that keeps most of the tensor's energy, its squares."""
     rows = tensor.movedim(mode, 0).flatten(1).double()  # (size, all others)
     _, eigenvectors = torch.linalg.eigh(rows @ rows.T)
@@ -168,7 +168,9 @@ def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
     return strongest_first[:, :rank].to(tensor.dtype)
 
 
-def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def tucker_factors(
+    tensor: Tensor, ranks: tuple[int, int, int], alternations: int
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Bases of texels (k, K), views (V, J) and lights (L, M), and the core (K + 1, J, M, 3), of (k + 1, V, L, 3).
 
     K, J and M are at most the `ranks`. The tensor's first slice, the mean, is kept as it is beside the texels'
@@ -177,13 +179,13 @@ def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> 
     """
     # Letters of the products: k, v, l are components of texels, views and lights of the table; K, j, m are those of the
     # bases, and c is the colours.
-    view, light = leading(tensor, 1, ranks[1]), leading(tensor, 2, ranks[2])
-    texel = leading(tensor[1:], 0, ranks[0])
+    view, light = leading_basis(tensor, 1, ranks[1]), leading_basis(tensor, 2, ranks[2])
+    texel = leading_basis(tensor[1:], 0, ranks[0])
     for _ in range(alternations):
         reduced = torch.cat([tensor[:1], torch.einsum("kvlc,kK->Kvlc", tensor[1:], texel)])  # (K + 1, V, L, 3)
-        view = leading(torch.einsum("kvlc,lm->kvmc", reduced, light), 1, ranks[1])
-        light = leading(torch.einsum("kvlc,vj->kjlc", reduced, view), 2, ranks[2])
-        texel = leading(torch.einsum("kvlc,vj,lm->kjmc", tensor[1:], view, light), 0, ranks[0])
+        view = leading_basis(torch.einsum("kvlc,lm->kvmc", reduced, light), 1, ranks[1])
+        light = leading_basis(torch.einsum("kvlc,vj->kjlc", reduced, view), 2, ranks[2])
+        texel = leading_basis(torch.einsum("kvlc,vj,lm->kjmc", tensor[1:], view, light), 0, ranks[0])
     view, light, texel = _signed(view), _signed(light), _signed(texel)
     reduced = torch.einsum("kvlc,vj,lm->kjmc", tensor, view, light)  # (k + 1, J, M, 3)
     core = torch.cat([reduced[:1], torch.einsum("kjmc,kK->Kjmc", reduced[1:], texel)])
@@ -220,12 +222,17 @@ class TuckerMaterial(ComponentsMaterial):
     """Coefficients (H, W, K) bilinear over texels, components of pairs' views and lights, and the core."""
 
     def __init__(
-        self, texture: Tensor, core: Tensor, modes: Sequence[Tensor], interpolator: PairInterpolator, gain: float | None
+        self,
+        texture: Tensor,
+        core: Tensor,
+        pair_factors: Sequence[Tensor],
+        interpolator: PairInterpolator,
+        gain: float | None,
     ):
         """Count the cost of an answer step by step, and keep the parts.
 
-        `modes` are the components (N, J) of each pair's view and (N, M) of its light; the core is (J, M, 3, K + 1).
-        `gain` is None if the table holds radiance.
+        `pair_factors` are the components (N, J) of each pair's view and (N, M) of its light; the core is (J, M, 3,
+        K + 1). `gain` is None if the table holds radiance.
         """
         components = texture.shape[2]
         view_count, light_count = core.shape[:2]  # J, M
@@ -240,13 +247,13 @@ class TuckerMaterial(ComponentsMaterial):
         cost = DecoderCost(
             texture_channels=components,
             texture_floats=texture.numel(),
-            table_floats=core.numel() + sum(mode.numel() for mode in modes),
+            table_floats=core.numel() + sum(factor.numel() for factor in pair_factors),
             flops_per_sample=2 * multiply_adds,
             bytes_per_sample=4 * (coefficients_read + directions_read + core.numel()),  # float32
         )
         super().__init__(texture, interpolator, gain, cost)
         self.core = core.flatten(2).flatten(0, 1)  # (J · M, 3 · (K + 1))
-        self.view, self.light = modes
+        self.view, self.light = pair_factors
 
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · view ⊗ light of pairs, through the core to eigen-ABRDFs, times the coefficients: (n, 3).

@@ -16,8 +16,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.clusters import BLOCK_BYTES, MOST_CODES, clustered, pack_index, reduced, unpack_index
-from baselines.components import probed, probed_texels
+from baselines.clusters import BLOCK_BYTES, MOST_CODES, cluster_labels, pack_index, reduced_abrdfs, unpack_index
+from baselines.components import probed_texels, probed_values
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
@@ -27,7 +27,7 @@ from bench.training import Bits, Rounding, gain_of, load_table, round_after, sto
 from bench.training.svd import blocks
 
 MOST_LABELS = 1 << 24  # of all stages, if their indices hold fewer: an index into a codebook of one entry has no bytes
-MOST_BESIDE = 64  # codes that are stored as channels of one picture: many take minutes to write
+MOST_CODES_AS_CHANNELS = 64  # codes that are stored as channels of one picture: many take minutes to write
 
 
 class VQ(Codec):
@@ -57,13 +57,13 @@ class VQ(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Store the codebooks (V, L, codes of all stages, 3) of N = V · L pairs, one after the other, and of each stage
-        an index, the labels (H · W,). More than `MOST_BESIDE` codes are stored as (codes, N, 1, 3)."""
+        an index, the labels (H · W,). More than `MOST_CODES_AS_CHANNELS` codes are stored as (codes, N, 1, 3)."""
         gain = gain_of(btf, fit)
         labels = self._labels(btf, gain, fit)
         counts = [int(label.max()) + 1 for label in labels]  # entries of each stage's codebook
         rows = torch.from_numpy(np.stack(labels, 1)) + _starts(counts)  # (texels, stages), rows of the codebook
         codebook = torch.cat(_codebooks(btf, gain, labels, fit))
-        pairs, values = probed(btf, fit, gain)
+        pairs, values = probed_values(btf, fit, gain)
         rounding = self._rounding(codebook, rows, pairs, values)
         indices: dict[str, Tensor] = {}
         for stage, (label, count) in enumerate(zip(labels, counts, strict=True)):
@@ -74,7 +74,7 @@ class VQ(Codec):
             "codes": torch.tensor(counts, dtype=torch.int32),
             **pack_layout(btf.layout),
         }
-        if len(codebook) <= MOST_BESIDE:  # entries lie side by side, so that one predicts the next
+        if len(codebook) <= MOST_CODES_AS_CHANNELS:  # entries lie side by side, so that one predicts the next
             table = codebook.transpose(0, 1).unflatten(0, picture_of_pairs(btf.layout))
         else:
             table = codebook[:, :, None]  # (codes, N, 1, 3)
@@ -84,10 +84,10 @@ class VQ(Codec):
     def _labels(self, btf: BTF, gain: float, fit: Fit) -> list[np.ndarray]:
         """Of each stage the cluster (texels,) of each texel. A stage sees what is left after the earlier ones: each
         point without the mean of its cluster."""
-        _, _, points = reduced(btf, gain, self.settings.components, fit)
+        _, _, points = reduced_abrdfs(btf, gain, self.settings.components, fit)
         labels: list[np.ndarray] = []
         for stage in fit.progress(range(self.settings.stages), "clustering"):
-            label = clustered(points, self.settings.codes, fit.seed + stage)  # a seed of its own
+            label = cluster_labels(points, self.settings.codes, fit.seed + stage)  # a seed of its own
             points = points - _means(points, label)[label]
             labels.append(label)
         return labels
@@ -121,7 +121,7 @@ class VQ(Codec):
             labels.append(unpack_index(parts.texture[f"index{stage}"], height * width, count))
         rows = torch.stack(labels, 1) + _starts(counts)  # (texels, stages)
         table = load_table("codebook", parts.decoder, axis=3)
-        if sum(counts) <= MOST_BESIDE:
+        if sum(counts) <= MOST_CODES_AS_CHANNELS:
             codebook = table.flatten(0, 1).transpose(0, 1)  # (codes, N, 3)
         else:
             codebook = table.flatten(2)
@@ -171,8 +171,8 @@ class VQMaterial(Material):
         # A stage's weight is 1, because the codes of all stages are added.
         weight = texel_weight[:, :, None, None].to(share.dtype) * share[:, None, None]  # (n, 4, 1, P)
         weight = weight.expand(row.shape).to(self.codebook.dtype).flatten(1)  # (n, 4 · stages · P)
-        mixed = functional.embedding_bag(row.flatten(1), self.codebook, per_sample_weights=weight, mode="sum")
-        level = saturated(mixed).to(share.dtype).clamp_min(0)  # shares in halves may add up to more than 1
+        weighted_sum = functional.embedding_bag(row.flatten(1), self.codebook, per_sample_weights=weight, mode="sum")
+        level = saturated(weighted_sum).to(share.dtype).clamp_min(0)  # shares in halves may add up to more than 1
         # The pairs' radiance includes the cosine of their lights: see `ComponentsMaterial.evaluate`.
         cosine_ratio = wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level)
         return to_radiance(level, self.gain) * cosine_ratio

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from baselines.pyramids import Pyramid, Queries, drawn, fitted_levels, level_count, level_of, queries_of
+from baselines.pyramids import Pyramid, Queries, drawn_samples, fitted_level_count, level_count, level_of, queries_of
 from baselines.relief import geometry, sweep
 from baselines.relief.geometry import Surface, restored, slope, smoothed, stepped, wrapped
 from bench.btf import BTF
@@ -54,7 +54,7 @@ from bench.training.initial_latents import first_latents
 from bench.training.inputs import COUNTS, direction_inputs
 from bench.training.stored_network import WeightPrecision, load_network, store_network
 
-COARSE_SHARE = 8  # one of this many samples is of a coarser level
+COARSE_ONE_IN = 8  # one of this many samples is of a coarser level
 # Share of the steps of a fit after which the height moves. Earlier, latents are still misplaced, and would pull the
 # height with them.
 REFINED_FROM = 0.5
@@ -147,7 +147,7 @@ class Pyramids(nn.Module):
             if name != "offset":  # which the network does not see; `moved` fetches it
                 # A grid of half the resolution is one level coarser, so its own level is one less.
                 coarser = int(math.log2(FACTORS[name]))  # levels between the picture and this grid
-                grid_level = (level - coarser).clamp(0, len(pyramid.levels) - 1)
+                grid_level = (level - coarser).clamp(0, len(pyramid.level_sizes) - 1)
                 channels_of_grids.append(pyramid.fetch(tables[name], uv, grid_level))
         return channels_of_grids
 
@@ -366,7 +366,7 @@ class ReliefObjective(Objective):
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at random samples of all levels, which in the second half also moves a height that is refined."""
-        queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)  # target (n, 3)
+        queries, target, pair = drawn_samples(self.levels, self.settings.batch, COARSE_ONE_IN, generator)
         height = self.height if self.moves_height(progress) else None
         ours = answer(self.network, self.pyramids, self.relief, self.tables(), queries, height)
         return self.distance(ours, target, pair, progress)
@@ -407,7 +407,7 @@ class Relief(Codec):
         (the lowest height and the step); `other` has the gain and the size (H, W).
         """
         gain = gain_of(btf, fit)
-        levels = Samples.levels(btf, fitted_levels(btf, fit, level_count(btf.shape)), gain, fit)
+        levels = Samples.levels(btf, fitted_level_count(btf, fit, level_count(btf.shape)), gain, fit)
         swept = sweep.find(btf, gain, fit) if self.settings.relief else None
         height = swept.height if swept is not None and swept.stands else None
         objective = partial(ReliefObjective, levels, height, self.settings)  # of a fit

@@ -6,7 +6,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from baselines.neumip import Networks, NeuMIP, NeuMIPMaterial, NeuMIPObjective, Pyramid, blur, falling
+from baselines.neumip import Networks, NeuMIP, NeuMIPMaterial, NeuMIPObjective, Pyramid, blur, falloff_factor
 from bench.btf import BTF
 from bench.codec import Fit, settings_dict
 from bench.conformance.check import tiny_btf
@@ -46,7 +46,7 @@ def test_a_level_is_fetched_as_a_texture_of_its_own() -> None:
     pyramid = Pyramid((8, 12))
     table = torch.randn(sum(pyramid.counts), CHANNELS)
     uv = torch.rand(50, 2) * 4 - 2
-    for level, (texels, size) in enumerate(zip(table.split(pyramid.counts), pyramid.levels, strict=True)):
+    for level, (texels, size) in enumerate(zip(table.split(pyramid.counts), pyramid.level_sizes, strict=True)):
         expected = sample_texture(texels.reshape(*size, -1), uv)
         for kind in (torch.long, torch.float32):
             found = pyramid.fetch(table, uv, torch.full((50,), level, dtype=kind))
@@ -56,7 +56,7 @@ def test_a_level_is_fetched_as_a_texture_of_its_own() -> None:
 @pytest.mark.parametrize("size", [(16, 16), (15, 8)])
 def test_the_blur_is_a_periodic_gaussian(size: tuple[int, int]) -> None:
     texture = np.random.default_rng(0).standard_normal((*size, 3))
-    ours = blur(torch.from_numpy(texture).flatten(0, 1), size, falling(1.5)).reshape(*size, 3)
+    ours = blur(torch.from_numpy(texture).flatten(0, 1), size, falloff_factor(1.5)).reshape(*size, 3)
     theirs = gaussian_filter(texture, (1.5, 1.5, 0), mode="wrap", truncate=8)
     # A sampled Gaussian aliases: at σ = 1.5 by about exp(−2 π² σ² / 4) = 1e-5.
     np.testing.assert_allclose(ours, theirs, atol=1e-4)
@@ -81,7 +81,7 @@ def test_the_offset_moves_along_the_view_equally_far_on_the_surface(
     assert networks.offset is not None
     load_vector(torch.cat([torch.zeros(1575), torch.ones(1)]), networks.offset)
     wo = torch.tensor([[0.6, 0.0, 0.8], [0.0, -0.96, 0.28], [0.0, 0.0, 1.0]])
-    moved = networks.move(torch.zeros(3, 2), torch.zeros(3, CHANNELS), wo, Pyramid(size).reach)
+    moved = networks.moved(torch.zeros(3, 2), torch.zeros(3, CHANNELS), wo, Pyramid(size).reach)
     # Nearer to the horizon than z = 0.6 the shift grows no further. An output of 1 is tanh(1).
     one = 0.05 * math.tanh(1)
     expected = torch.tensor([[one * 0.6 / 0.8, 0], [0, -one * 0.96 / 0.6], [0, 0]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.tucker import Tucker, factored, rounding_with_zero
+from baselines.tucker import Tucker, rounding_with_zero, tucker_factors
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
@@ -66,7 +66,7 @@ def oracle(table: np.ndarray, ranks: tuple[int, int, int], rounds: int) -> np.nd
 @pytest.mark.parametrize("rounds", [0, 1, 6])
 def test_the_factors_are_those_of_an_independent_hooi(rounds: int) -> None:
     table = np.random.default_rng(0).normal(size=(7, 5, 6, 3)) * np.geomspace(1, 0.05, 7)[:, None, None, None]
-    texel, view, light, core = factored(torch.from_numpy(table), (3, 2, 4), rounds)
+    texel, view, light, core = tucker_factors(torch.from_numpy(table), (3, 2, 4), rounds)
     assert core.shape == (4, 2, 4, 3)
     ours = torch.einsum("kjmc,vj,lm->kvlc", core, view, light)
     ours = torch.cat([ours[:1], torch.einsum("Kvlc,kK->kvlc", ours[1:], texel)])

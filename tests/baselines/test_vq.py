@@ -45,7 +45,7 @@ def test_more_codes_and_more_stages_come_nearer() -> None:
 def test_many_codes_below_each_other_are_those_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     btf = tiny_btf()
     beside = decoded(VQ(codes=6), btf)
-    monkeypatch.setattr("baselines.vq.MOST_BESIDE", 5)
+    monkeypatch.setattr("baselines.vq.MOST_CODES_AS_CHANNELS", 5)
     assert np.array_equal(slices(decoded(VQ(codes=6), btf), btf), slices(beside, btf))
 
 

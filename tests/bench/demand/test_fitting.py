@@ -242,13 +242,13 @@ def test_levels_that_a_scene_never_touches_are_left_out_of_a_pyramid(tmp_path):
     for name, queries in (("near", near), ("far", far)):
         factor = NeededPart.for_demand(btf, queries, every_pair=True).window.factor
         material = loaded(codec, encode(codec, btf, Fit(), queries), tmp_path)
-        rows[name] = (factor, material.inner.pyramid.levels)
+        rows[name] = (factor, material.inner.pyramid.level_sizes)
         columns = (torch.from_numpy(x) for x in (queries.uv(btf.shape), queries.wo, queries.wi))
         assert material.query(*columns).isfinite().all()
     assert rows == {"near": (1, [(16, 16)]), "far": (4, [(4, 4)])}
     mixed = replace(near, footprint=np.where(np.arange(4000) % 2, 1 / 16, 3 / 16).astype(np.float32))
     material = loaded(codec, encode(codec, btf, Fit(), mixed), tmp_path)
-    assert material.inner.pyramid.levels == [(16, 16), (8, 8), (4, 4)]
+    assert material.inner.pyramid.level_sizes == [(16, 16), (8, 8), (4, 4)]
 
 
 def test_held_out_pairs_count_where_they_lie_in_the_scene():
