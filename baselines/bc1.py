@@ -11,7 +11,7 @@ from torch import Tensor
 SIDE, BYTES = 4, 8  # texels a side, bytes a block
 BITS = (5, 6, 5)  # of each channel of a block's two colours
 CODES = (0, 2, 3, 1)  # the format's code of each step from the first colour to the second, in blocks of four colours
-PLACES = (11, 5, 0)  # lowest bit of each channel in a colour's 16
+SHIFTS = (11, 5, 0)  # lowest bit of each channel in a colour's 16
 
 
 def widened(ends: Tensor) -> Tensor:
@@ -38,7 +38,7 @@ def write(ends: Tensor, steps: Tensor) -> Tensor:
     A block has four colours only if its first is the larger number. So where it is the smaller, both change places and
     steps run backwards; where both are equal, every texel takes the first.
     """
-    colours = (ends << torch.tensor(PLACES)).sum(2)  # (n, 2): the bits of all channels in one number
+    colours = (ends << torch.tensor(SHIFTS)).sum(2)  # (n, 2): the bits of all channels in one number
     swapped = colours[:, :1] < colours[:, 1:]
     colours = torch.where(swapped, colours.flip(1), colours)
     steps = torch.where(swapped, 3 - steps, steps)
@@ -61,7 +61,7 @@ def read(blocks: Tensor) -> Tensor:
     colours = words[:, :2]
     # Each channel is shifted to the bottom, and its own 5 or 6 bits are kept.
     masks = 2 ** torch.tensor(BITS) - 1
-    ends = (colours[..., None] >> torch.tensor(PLACES)) & masks  # (n, 2, 3)
+    ends = (colours[..., None] >> torch.tensor(SHIFTS)) & masks  # (n, 2, 3)
     first, second = widened(ends).unbind(1)  # (n, 3)
     # Eight codes a word, the lowest bits first: (n, 2, 8), then (n, 16).
     codes = ((words[:, 2:, None] >> (2 * torch.arange(8))) & 3).flatten(1)

@@ -34,8 +34,8 @@ from bench.training.stored_network import load_network
 CHANNELS = 3  # of a texture
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # share of the steps after which latents are those of real blocks
-LEAST = 0.05  # least half length of a block's line at the start, because ends that meet would always move together
-LEVELS = torch.tensor([2**b - 1 for b in bc1.BITS])  # the highest code of each channel of an end: 31, 63, 31
+LEAST_HALF_LENGTH = 0.05  # of a block's line at the start, because ends that meet would always move together
+HIGHEST_CODES = torch.tensor([2**b - 1 for b in bc1.BITS])  # the highest code of each channel of an end: 31, 63, 31
 
 
 class BCF(Codec):
@@ -105,8 +105,8 @@ class BCF(Codec):
             expected_bytes = math.prod(blocks_across(size)) * channels // CHANNELS * bc1.BYTES
             if min(size) < 1 or blocks.shape != (expected_bytes,):
                 raise InputError(f"its blocks do not fit {height} × {width} texels: encode it again")
-            codes = colours_of_blocks(blocks.view(-1, channels // CHANNELS, bc1.BYTES), size)  # (h, w, T, 3)
-            grids[grid] = low.float() + span.float() * (codes.flatten(2) / 255)  # (h, w, 3 · T), from codes of 8 bits
+            colours = colours_of_blocks(blocks.view(-1, channels // CHANNELS, bc1.BYTES), size)  # (h, w, T, 3)
+            grids[grid] = low.float() + span.float() * (colours.flatten(2) / 255)  # (h, w, 3 · T), from eight bits
         network = GriddedNetwork(Decoder(settings.architecture), settings, (height, width), offset_channels=CHANNELS)
         load_network(network, parts.decoder)
         flops, gain = settings.architecture.flops, float(parts.other["gain"])
@@ -158,28 +158,29 @@ class BlockTexture(nn.Module):
         """Start at lines through the first latents (h, w, 3 · T) of the blocks' texels."""
         super().__init__()
         self.size = first.shape[0], first.shape[1]
-        within = texels_of_blocks(self.size)  # (B, 16)
+        block_texels = texels_of_blocks(self.size)  # (B, 16)
         # (texels, 3, T): channel c of texture t is the latent c · T + t.
         latents = first.flatten(0, 1).unflatten(1, (CHANNELS, -1))
-        ends, shares = lines(latents.mT[within])  # of latents (B, 16, T, 3)
+        ends, shares = lines(latents.mT[block_texels])  # of latents (B, 16, T, 3)
         self.ends = nn.Parameter(ends)
         count, textures = latents.shape[0], latents.shape[2]
         block = torch.empty(count, dtype=torch.long)
         share = torch.empty(count, textures)
         # The block of each texel, and its share there. A texel that repeats beyond the border is in several blocks.
         # Blocks are gone through backwards, and each overwrites the one before, so that the first of several stays.
-        texels = within.flatten().flip(0)  # (B · 16,)
-        places = torch.arange(within.numel()).flip(0)  # the place of each of these texels in `within`
-        block[texels] = places // within.shape[1]
+        texels = block_texels.flatten().flip(0)  # (B · 16,)
+        places = torch.arange(block_texels.numel()).flip(0)  # the place of each of these texels in `block_texels`
+        block[texels] = places // block_texels.shape[1]
         share[texels] = shares.flatten(0, 1)[places]
         self.share = nn.Parameter(share)
         self.block = nn.Buffer(block, persistent=False)  # (texels,)
-        self.within = nn.Buffer(within, persistent=False)  # (B, 16)
-        self.levels = nn.Buffer(LEVELS, persistent=False)  # (3,)
+        self.block_texels = nn.Buffer(block_texels, persistent=False)  # (B, 16)
+        self.highest_codes = nn.Buffer(HIGHEST_CODES, persistent=False)  # (3,)
         # The range of each channel's codes; a span of 0 means that there are none yet.
         self.low = nn.Buffer(torch.zeros(textures, CHANNELS))
         self.span = nn.Buffer(torch.zeros(textures, CHANNELS))
-        self.ranged = False  # whether the range is set: kept on the host, which else would wait for a GPU at each step
+        # Whether the range is set: kept on the host, which else would wait for a GPU at each step.
+        self.has_range = False
 
     def forward(self, as_stored: bool) -> Tensor:
         """The latents (h, w, 3 · T): on the lines of their blocks, or with `as_stored` as the file gives them back.
@@ -201,13 +202,13 @@ class BlockTexture(nn.Module):
 
         The first call sets the range that the codes span, that of all ends then; later ends beyond it are clamped.
         """
-        if not self.ranged:
+        if not self.has_range:
             low, high = torch.aminmax(self.ends.flatten(0, 1), dim=0)
             self.low.copy_(low)
             self.span.copy_((high - low).clamp_min(1e-6))
-            self.ranged = True
-        codes = ((ends - self.low) / self.span * self.levels).round()
-        return codes.clamp_min(0).minimum(self.levels).long()
+            self.has_range = True
+        codes = ((ends - self.low) / self.span * self.highest_codes).round()
+        return codes.clamp_min(0).minimum(self.highest_codes).long()
 
     def rounded(self, first: Tensor, second: Tensor) -> Tensor:
         """The latents (texels, T, 3) that a file gives back for texels between those ends (texels, T, 3)."""
@@ -225,7 +226,7 @@ class BlockTexture(nn.Module):
         ends = self.codes(self.ends)  # (2, B, T, 3)
         start, end = (self.low + self.span * (bc1.widened(codes) / 255) for codes in ends)  # (B, T, 3)
         line = (end - start)[:, None]  # (B, 1, T, 3)
-        from_start = latents[self.within] - start[:, None]  # (B, 16, T, 3)
+        from_start = latents[self.block_texels] - start[:, None]  # (B, 16, T, 3)
         # The share of the line at which a texel's projection lies; a line may have no length.
         share = (from_start * line).sum(3) / line.square().sum(3).clamp_min(1e-12)  # (B, 16, T)
         steps = (3 * share).round().clamp(0, 3).long().transpose(1, 2).flatten(0, 1)  # (B · T, 16)
@@ -248,10 +249,10 @@ class BCFObjective(DirectedObjective):
         self.textures: Any = nn.ModuleDict({grid: BlockTexture(latents) for grid, latents in grids.items()})
 
     def restored(self) -> None:
-        """Set `ranged` again, once the tensors came from a state."""
+        """Set `has_range` again, once the tensors came from a state."""
         super().restored()
         for texture in self.textures.values():
-            texture.ranged = bool(texture.span.any())
+            texture.has_range = bool(texture.span.any())
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3). From halfway through the fit on the network sees the latents that the file will give."""
@@ -272,7 +273,9 @@ def lines(latents: Tensor) -> tuple[Tensor, Tensor]:
     _, eigenvectors = torch.linalg.eigh(scatter)
     axis = eigenvectors[..., -1]  # (B, T, 3); the last has the largest eigenvalue
     along = torch.einsum("bptc,btc->bpt", centred, axis)  # (B, 16, T)
-    low, high = along.amin(1).clamp(max=-LEAST), along.amax(1).clamp_min(LEAST)  # (B, T), from the middle
+    # The ends' distances (B, T) from the middle.
+    low = along.amin(1).clamp(max=-LEAST_HALF_LENGTH)
+    high = along.amax(1).clamp_min(LEAST_HALF_LENGTH)
     ends = torch.stack([middle[:, 0] + end[..., None] * axis for end in (low, high)])
     shares = (along - low[:, None]) / (high - low)[:, None]
     return ends, shares

@@ -45,7 +45,7 @@ WIDTHS = (2 + 2 * FEATURES, 256, 128, 256, 128, 256, 3)  # numbers between the d
 SIDE = 20  # texels of the plane over half vectors
 PAIRS = 400  # pairs of each training material
 BLOCK = 256  # texels read at once
-CHECKED = 64  # pairs of a material at which the decoder's answers are compared with the mean of each texel
+CHECKED_PAIRS = 64  # pairs of a material at which the decoder's answers are compared with the mean of each texel
 
 
 @dataclass(frozen=True)
@@ -190,8 +190,8 @@ class Pool(Samples):
     t is of the material number `material[t]`. `wo` and `wi` have `PAIRS` rows for each material, one after the other.
     """
 
-    def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
-        """Read at most `most` random texels of each BTF, and of each of `fit.unseen`, which are for the fit's curve."""
+    def __init__(self, btfs: Sequence[BTF], most_texels: int, fit: Fit):
+        """Read at most `most_texels` random texels of each BTF, and of each of `fit.unseen`, for the fit's curve."""
         # `Samples.__init__` would read one BTF. This holds parts of several, in the same attributes.
         generator = fit.generator()
         abrdfs: list[Tensor] = []
@@ -200,7 +200,7 @@ class Pool(Samples):
         material: list[int] = []  # of each texel
         # Of each BTF some texels at some pairs, both drawn at random, and log radiance by the gain of the BTF.
         for number, btf in enumerate(fit.progress([*btfs, *fit.unseen], "materials")):
-            texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
+            texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most_texels].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
             pair = order[torch.arange(PAIRS) % len(btf)]  # (PAIRS,), repeated in turns if the BTF has fewer
             gain = gain_of(btf.subset(btf.split().train), fit)  # as when the material itself is encoded
@@ -316,7 +316,7 @@ class BiplaneObjective(TextureObjective):
         texels are nearer are the means of all stored, in steps of their own.
         """
         pairs, device = self.samples.pairs, self.samples.device
-        checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(device)  # (P,)
+        checked_pairs = torch.linspace(0, pairs - 1, min(pairs, CHECKED_PAIRS)).round().long().to(device)  # (P,)
         better_rows = list[Tensor]()  # of the texture, in blocks of texels: the fitted row or that of the mean
         mean_rows = list[Tensor]()
         means_suffice = True
@@ -326,7 +326,7 @@ class BiplaneObjective(TextureObjective):
             fitted_row = torch.cat([self.texture[texel], self.colours[texel]], 1)  # (t, 18)
             mean_colours = functional.pad(abrdfs.mean(1), (MATRIX, 0))  # (t, 12): a matrix of 0, the mean as offset
             mean_row = torch.cat([self.texture[texel], mean_colours], 1)
-            error, mean_error, exact_mean_error = self._errors(texel, checked, abrdfs[:, checked], mean_row)
+            error, mean_error, exact_mean_error = self._errors(texel, checked_pairs, abrdfs[:, checked_pairs], mean_row)
             better_rows.append(torch.where((error < mean_error)[:, None], fitted_row, mean_row))
             mean_rows.append(mean_row)
             means_suffice = means_suffice and not bool((error < exact_mean_error).any())

@@ -30,8 +30,8 @@ from bench.training.stored_texture import Bits, Rounding, load_texture, store_te
 Inputs = Literal["xyzh", "harmonics"]
 
 HARMONICS = 9  # of one direction
-FIRST = 1e-4  # bound of the first random latents, which lie between −FIRST and FIRST
-DARK = 0.01  # added to the square that the published loss divides by
+FIRST_BOUND = 1e-4  # of the absolute value of the first random latents
+LOSS_EPSILON = 0.01  # added to the square that the published loss divides by
 PAPER = {"reduction": 16, "directions": "harmonics", "start": "random", "relative": True, "optimiser": "adam"}
 PAPER |= {"rate": 1e-3, "latent_rate": 1e-2, "decay": False, "bits": 8, "steps": 20_000, "batch": 4_096}
 
@@ -78,7 +78,7 @@ class NeuralBTF(Codec):
             return Architecture(self.levels * self.channels + directions, (self.width,) * self.layers)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Fit the textures and the networks, and store each texture under its own name, that of `texture_sizes`."""
+        """Fit the textures and the networks, and store each texture under its own name, that of `texture_factors`."""
         fitting = fitted(NeuralBTFObjective, self.settings, btf, fit)
         texture: dict[str, Tensor] = {}
         for name, values in fitting.textures.items():
@@ -88,7 +88,7 @@ class NeuralBTF(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `InputError` if textures have other sizes than their levels."""
         networks = load_network(Networks(self.settings), parts.decoder)
-        textures = {name: load_texture(name, parts.texture) for name in texture_sizes(self.settings)}
+        textures = {name: load_texture(name, parts.texture) for name in texture_factors(self.settings)}
         size = (textures["level0"].shape[0], textures["level0"].shape[1])
         for name, (rows, cols) in texture_sizes(self.settings, size).items():
             if textures[name].shape != (rows, cols, self.settings.channels) or min(size) < 1:
@@ -96,17 +96,24 @@ class NeuralBTF(Codec):
         return NeuralBTFMaterial(networks, list(textures.values()), float(parts.other["gain"])).to(device)
 
 
-def texture_sizes(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[str, tuple[int, int]]:
-    """The sizes (rows, columns) of the textures of a picture of `size` (H, W), by name.
+def texture_factors(settings: NeuralBTF.Settings) -> dict[str, int]:
+    """Of each texture, by its name, how many texels a side of the picture a point of it stands for.
 
-    Names are "level0", the finest, "level1" and so on, and with an offset "offset"; a caller who wants only these can
-    leave out the size.
+    Names are "level0", the finest, "level1" and so on, and with an offset "offset".
     """
-    factors = {f"level{level}": 1 << level for level in range(settings.levels)}  # 2^level texels a point
+    factors = {f"level{level}": 1 << level for level in range(settings.levels)}
     if settings.reduction:
         factors["offset"] = settings.reduction
-    # Sides are rounded up, so that every texel has its point.
-    return {name: (math.ceil(size[0] / factor), math.ceil(size[1] / factor)) for name, factor in factors.items()}
+    return factors
+
+
+def texture_sizes(settings: NeuralBTF.Settings, size: tuple[int, int]) -> dict[str, tuple[int, int]]:
+    """The sizes (rows, columns) of the textures of a picture of `size` (H, W), by name: see `texture_factors`."""
+    sizes = {}
+    for name, factor in texture_factors(settings).items():
+        # Sides are rounded up, so that every texel has its point.
+        sizes[name] = (math.ceil(size[0] / factor), math.ceil(size[1] / factor))
+    return sizes
 
 
 def harmonics(w: Tensor) -> Tensor:
@@ -124,7 +131,7 @@ def harmonics(w: Tensor) -> Tensor:
     return torch.stack([degree_0, *degree_1, *degree_2], 1)
 
 
-def seen(wo: Tensor, wi: Tensor, kind: Inputs) -> Tensor:
+def network_inputs(wo: Tensor, wi: Tensor, kind: Inputs) -> Tensor:
     """The network's inputs for two directions (n, 3): harmonics (n, 18), the light's first, or xyz (n, 9) of view,
     light and half vector."""
     if kind == "harmonics":
@@ -149,9 +156,9 @@ class Networks(nn.Module):
             self.gate = nn.Parameter(torch.zeros(1))
 
     def forward(self, textures: list[Tensor], uv: Tensor, wo: Tensor, directions: Tensor) -> Tensor:
-        """The output (n, 3) at uv (n, 2), for views wo (n, 3) and inputs of `seen`, (n, 9) or (n, 18).
+        """The output (n, 3) at uv (n, 2), for views wo (n, 3) and inputs of `network_inputs`, (n, 9) or (n, 18).
 
-        Textures (H, W, C) are in the order of `texture_sizes`: the levels, then the offset's if there is one.
+        Textures (H, W, C) are in the order of `texture_factors`: the levels, then the offset's if there is one.
         """
         levels = textures
         if self.offset is not None:
@@ -161,7 +168,7 @@ class Networks(nn.Module):
         latents = [sample_texture(level, uv) for level in levels]
         return self.decoder(torch.cat([*latents, directions], 1))
 
-    def level(self, outputs: Tensor) -> Tensor:
+    def log_radiance(self, outputs: Tensor) -> Tensor:
         """The log radiance (n, 3) of outputs (n, 3).
 
         With the setting `relative`, as published, outputs are radiance × exposure; otherwise they are log radiance.
@@ -185,14 +192,14 @@ class NeuralBTFObjective(TextureObjective):
         self.roundings: Any = nn.ModuleDict()  # of each texture, by its name
         for name in self.textures:
             self.roundings[name] = Rounding(settings.channels, settings.bits)
-        directions = seen(samples.wo, samples.wi, settings.directions)
+        directions = network_inputs(samples.wo, samples.wi, settings.directions)
         self.directions = nn.Buffer(directions, persistent=False)  # the network's inputs of each pair
 
     def rate(self, step: int, steps: int, group: int) -> float:
         """The share of a group's highest rate at a step; without `decay` always all of it."""
         return super().rate(step, steps, group) if self.settings.decay else 1.0
 
-    def answer(self, batch: Batch) -> Tensor:
+    def outputs(self, batch: Batch) -> Tensor:
         """The network's output (n, 3) at the texels and pairs of a batch, from rounded textures: see `Networks`."""
         textures = [self.roundings[name](values) for name, values in self.textures.items()]
         uv = self.samples.centres(batch.texel)
@@ -200,7 +207,7 @@ class NeuralBTFObjective(TextureObjective):
         return self.network(textures, uv, wo, self.directions.index_select(0, batch.pair))
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        return self.network.level(self.answer(batch))
+        return self.network.log_radiance(self.outputs(batch))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of log radiance; or as published the relative one of radiance × exposure.
@@ -210,9 +217,9 @@ class NeuralBTFObjective(TextureObjective):
         if not self.settings.relative:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
-        ours = self.answer(batch)
+        ours = self.outputs(batch)
         target = batch.target.expm1() / LOG_SCALE
-        scale = ours.detach().square() + DARK
+        scale = ours.detach().square() + LOSS_EPSILON
         return ((ours - target).square() / scale).mean()
 
 
@@ -228,7 +235,7 @@ def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: to
     textures: dict[str, Tensor] = {}
     if settings.start == "random":
         for name, size in sizes.items():
-            spread = 0.0 if name == "offset" else FIRST
+            spread = 0.0 if name == "offset" else FIRST_BOUND
             textures[name] = spread * (2 * torch.rand(*size, channels, generator=generator) - 1)
         return textures
     latents = first_latents(samples, settings.levels * channels, settings.start, generator)
@@ -262,16 +269,16 @@ class NeuralBTFMaterial(Material):
         super().__init__(size, cost)
         self.networks = networks
         self.gain = gain
-        for place, texture in enumerate(textures):  # as attributes, which `Material.to` finds
-            setattr(self, f"texture{place}", texture)
+        for number, texture in enumerate(textures):  # as attributes, which `Material.to` finds
+            setattr(self, f"texture{number}", texture)
         self.texture_count = len(textures)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: all levels are read
         at any distance."""
-        textures = [getattr(self, f"texture{place}") for place in range(self.texture_count)]
+        textures = [getattr(self, f"texture{number}") for number in range(self.texture_count)]
         settings = self.networks.settings
-        outputs = self.networks(textures, uv, wo, seen(wo, wi, settings.directions))
+        outputs = self.networks(textures, uv, wo, network_inputs(wo, wi, settings.directions))
         if settings.relative:  # outputs are radiance × exposure, and the gain is LOG_SCALE · exposure
             return outputs.to(at_least_float32(outputs.dtype)) * (LOG_SCALE / self.gain)
         return to_radiance(outputs, self.gain)

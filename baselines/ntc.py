@@ -31,7 +31,7 @@ from bench.training.quantise import pack_bits, unpack_bits
 from bench.training.stored_network import load_network
 
 # Encoding of places: it repeats after 8 texels, and has 12 numbers, one for each octave, of x and y, at two phases.
-OCTAVES, TILE, PLACE = 3, 8, 12
+OCTAVES, TILE, PLACE_NUMBERS = 3, 8, 12
 OMEGA = 2.0  # frequency of the sine, if the activation is a sine
 ROUNDED_FROM = {"noise": 0.95, "round": 0.5}  # share of the steps after which grids are those of the file
 GRIDS = ("fine", "coarse")  # names of the grids in the file, and of the settings of their features
@@ -77,7 +77,8 @@ class NTC(Codec):
         @property
         def architecture(self) -> Architecture:
             """The network that reads both grids, the place and the directions."""
-            inputs = 4 * self.fine + self.coarse + PLACE + COUNTS[self.directions]  # the finer grid at four points
+            of_grids = 4 * self.fine + self.coarse  # the finer one is read at four points
+            inputs = of_grids + PLACE_NUMBERS + COUNTS[self.directions]
             widths = (self.width,) * self.layers
             sine = self.activation == "sine"
             return Architecture(
@@ -211,9 +212,10 @@ class NTCObjective(DirectedObjective):
         self.reader = Reader(samples.shape, settings.reduction)
         channels = [settings.fine, settings.coarse]
         latents = first_latents(samples, sum(channels), settings.start, generator)
-        first = latents.T.unflatten(1, samples.shape)  # (F + C, H, W)
+        first_channels = latents.T.unflatten(1, samples.shape)  # (F + C, H, W)
+        sizes = grid_sizes(samples.shape, settings.reduction)
         self.unrounded_grids = nn.ParameterList()
-        for picture, size in zip(first.split(channels), grid_sizes(samples.shape, settings.reduction), strict=True):
+        for picture, size in zip(first_channels.split(channels), sizes, strict=True):
             grid = functional.adaptive_avg_pool2d(picture, size).flatten(1).T  # (points, features)
             self.unrounded_grids.append(nn.Parameter(grid.clamp(-1, 1).contiguous()))
 

@@ -88,14 +88,14 @@ def statistics(abrdfs: Tensor) -> Tensor:
     return torch.stack([abrdfs.mean(1), deviation], 1)
 
 
-def encoded(encoder: nn.Module, abrdfs: Tensor, stats: Tensor) -> Tensor:
+def encoded_latents(encoder: nn.Module, abrdfs: Tensor, stats: Tensor) -> Tensor:
     """The latents (n, D) that an encoder makes of log ABRDFs (n, pairs, 3) with their statistics (n, 2, 3)."""
     mean, deviation = stats.unbind(1)  # (n, 3) each
     normalised = (abrdfs - mean[:, None]) / deviation[:, None]
     return encoder(normalised)
 
 
-def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic") -> Tensor:
+def direction_coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic") -> Tensor:
     """The decoder's inputs of two unit directions (n, 3): stereographic (n, 4), the light's first; or x, y, z (n, 9) of
     view, light and half vector."""
     if directions == "stereographic":
@@ -103,10 +103,10 @@ def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic"
     return torch.cat(direction_inputs(wo, wi, directions), 1)
 
 
-def log_radiance(decoder: nn.Module, rows: Tensor, where: Tensor) -> Tensor:
-    """Log radiance (n, 3) of rows (n, D + 6) of a texture, at the inputs (n, k) of `coordinates` for directions."""
+def log_radiance(decoder: nn.Module, rows: Tensor, coordinates: Tensor) -> Tensor:
+    """Log radiance (n, 3) of rows (n, D + 6) of a texture, at the `direction_coordinates` (n, k)."""
     latents, mean, deviation = rows.tensor_split([-STATISTICS, -3], dim=1)  # (n, D), (n, 3), (n, 3)
-    normalised = decoder(torch.cat([latents, where], 1))
+    normalised = decoder(torch.cat([latents, coordinates], 1))
     return mean + deviation * normalised
 
 
@@ -121,11 +121,11 @@ class RainerSettings(NetworkSettings):
     loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
 
 
-class Fitted(TextureObjective):
+class RainerObjective(TextureObjective):
     """The fit of a decoder, whatever makes its latents; each texel's statistics are taken from the data, not fitted."""
 
     network: nn.Module
-    # (pairs, k): the decoder's inputs of each pair, which `where` looks up. Subclasses set it, or override `where`.
+    # (pairs, k), of each pair, which `coordinates_of` looks up. Subclasses set it, or override `coordinates_of`.
     coordinates: Tensor
 
     def __init__(self, samples: Samples, decoder: Decoder, settings: RainerSettings, fit: Fit):
@@ -133,25 +133,25 @@ class Fitted(TextureObjective):
         super().__init__(samples, settings)
         self.network = decoder
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
-        of_blocks = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
+        statistics_of_blocks = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
         # (texels, 2, 3): mean and deviation of each texel's log ABRDF.
-        self.statistics = nn.Buffer(torch.cat(of_blocks), persistent=False)
+        self.statistics = nn.Buffer(torch.cat(statistics_of_blocks), persistent=False)
 
-    def where(self, batch: Batch) -> Tensor:
+    def coordinates_of(self, batch: Batch) -> Tensor:
         """The decoder's inputs (n, k) for the directions of a batch."""
         return self.coordinates[batch.pair]
 
     def decode(self, latents: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of latents (n, D), one row for each sample of a batch, with its texel's statistics."""
         rows = torch.cat([latents, self.statistics[batch.texel].flatten(1)], 1)
-        return log_radiance(self.network, rows, self.where(batch))
+        return log_radiance(self.network, rows, self.coordinates_of(batch))
 
     def answers(self, texture: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of a texture (texels, D + 6) of latents and statistics, at the pairs of a batch."""
-        return log_radiance(self.network, texture.index_select(0, batch.texel), self.where(batch))
+        return log_radiance(self.network, texture.index_select(0, batch.texel), self.coordinates_of(batch))
 
 
-class Autoencoder(Fitted):
+class Autoencoder(RainerObjective):
     """Encoder and decoder, fitted in each step to a few texels and a few pairs of each."""
 
     def __init__(self, samples: Samples, encoder: nn.Module, decoder: Decoder, settings: RainerSettings, fit: Fit):
@@ -166,7 +166,7 @@ class Autoencoder(Fitted):
 
     def latents(self, texel: Tensor) -> Tensor:
         """The latents (n, D) that the encoder makes of the ABRDFs of texels (n,), with a gradient, all at once."""
-        return encoded(self.encoder, self.samples.abrdfs(texel), self.statistics[texel])
+        return encoded_latents(self.encoder, self.samples.abrdfs(texel), self.statistics[texel])
 
     @torch.no_grad()
     def encode(self, texel: Tensor) -> Tensor:
@@ -207,5 +207,5 @@ class RainerMaterial(Material):
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
         of detail."""
         rows = sample_texture(self.texture, uv)
-        where = coordinates(wo, wi, self.directions)
-        return to_radiance(log_radiance(self.decoder, rows, where), self.gain)
+        coordinates = direction_coordinates(wo, wi, self.directions)
+        return to_radiance(log_radiance(self.decoder, rows, coordinates), self.gain)

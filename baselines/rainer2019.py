@@ -91,14 +91,14 @@ class Rainer2019(Codec):
         """Fit encoder and decoder, or the decoder with free latents; returns the parts of the file."""
         samples = Samples(btf, gain_of(btf, fit), fit)
         if is_gridded(self.settings):
-            objective = partial(GriddedLatents, samples, self.settings)  # of a fit
+            make_objective = partial(GriddedLatents, samples, self.settings)  # takes the fit
             if self.settings.offset:
-                fit = better_start(objective, fit, self.settings.steps)
-            gridded = objective(fit)
+                fit = better_start(make_objective, fit, self.settings.steps)
+            gridded = make_objective(fit)
             train(gridded, fit, self.settings.steps, self.settings.patience)
-            return gridded.file()
-        kind = Encoded if self.settings.start == "encoder" else FreeLatents
-        fitting = kind(samples, self.settings, fit)
+            return gridded.stored_parts()
+        objective_class = EncodedLatents if self.settings.start == "encoder" else FreeLatents
+        fitting = objective_class(samples, self.settings, fit)
         train(fitting, fit, self.settings.steps, self.settings.patience)
         texture, rounding = fitting.stored_texture(fit)
         return fitting.parts(store_texture("latents", texture.reshape(*btf.shape, -1), rounding))
@@ -117,7 +117,7 @@ class Rainer2019(Codec):
         return rainer.RainerMaterial(decoder, texture, gain, self.settings.directions).to(device)
 
 
-class Encoded(rainer.Autoencoder):
+class EncodedLatents(rainer.Autoencoder):
     """Encoder and decoder of one material, as published."""
 
     settings: Rainer2019.Settings
@@ -127,7 +127,7 @@ class Encoded(rainer.Autoencoder):
         generator = fit.generator()
         encoder = rainer.Encoder(samples.pairs, settings.latents, generator)
         super().__init__(samples, encoder, Decoder(settings.architecture, generator), settings, fit)
-        self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
+        self.coordinates = rainer.direction_coordinates(samples.wo, samples.wi, settings.directions)
 
     def stored_texture(self, fit: Fit) -> tuple[Tensor, Rounding]:
         """The final texture (texels, D + 6) of the encoder, and its rounding, chosen now by its error at samples."""
@@ -139,7 +139,7 @@ class Encoded(rainer.Autoencoder):
         return texture, rounding
 
 
-class FreeDecoder(rainer.Fitted):
+class FreeDecoder(rainer.RainerObjective):
     """A decoder without an encoder, fitted to random samples."""
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
@@ -149,7 +149,7 @@ class FreeDecoder(rainer.Fitted):
 
 
 class FreeLatents(FreeDecoder):
-    """The decoder and free latents, without an encoder. The file is as that of `Encoded`, which holds no encoder."""
+    """The decoder and free latents, without an encoder. The file is as that of `EncodedLatents`: it holds none."""
 
     settings: Rainer2019.Settings
 
@@ -158,7 +158,7 @@ class FreeLatents(FreeDecoder):
         generator = fit.generator()
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
         self.latents = nn.Parameter(first_latents(samples, settings.latents, "components", generator))  # (texels, D)
-        self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
+        self.coordinates = rainer.direction_coordinates(samples.wo, samples.wi, settings.directions)
         self.rounding = Rounding(settings.latents + rainer.STATISTICS, settings.bits, sizes=[samples.shape])
 
     def texture(self) -> Tensor:
@@ -166,8 +166,8 @@ class FreeLatents(FreeDecoder):
         return torch.cat([self.latents, self.statistics.flatten(1)], 1)
 
     def stored_texture(self, fit: Fit) -> tuple[Tensor, Rounding]:
-        """The final texture (texels, D + 6), and the rounding that it was fitted with; `fit` is that of `Encoded`, and
-        not needed."""
+        """The final texture (texels, D + 6), and the rounding that it was fitted with; `fit`, which `EncodedLatents`
+        needs, is ignored."""
         return self.texture(), self.rounding
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
@@ -185,7 +185,7 @@ class GriddedLatents(FreeDecoder):
         """Make the decoder and the offset's network, then start the grids at the texels' principal components."""
         generator = fit.generator()
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
-        self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
+        self.coordinates = rainer.direction_coordinates(samples.wo, samples.wi, settings.directions)
         self.network: Any = GriddedNetwork(self.network, settings, samples.shape, generator)
         self.grids = first_grids(samples, settings, "components", generator)
         self.rounding = Rounding(rainer.STATISTICS, settings.bits)  # of the statistics
@@ -194,9 +194,9 @@ class GriddedLatents(FreeDecoder):
         """Log radiance (n, 3) of a batch, from half of the fit on of textures as the file stores them."""
         latents = self.network.fetch_batch(self.grids.rounded(), self.samples, batch)
         statistics = self.rounding(self.statistics.flatten(1)).index_select(0, batch.texel)
-        return rainer.log_radiance(self.network, torch.cat([latents, statistics], 1), self.where(batch))
+        return rainer.log_radiance(self.network, torch.cat([latents, statistics], 1), self.coordinates_of(batch))
 
-    def file(self) -> Parts:
+    def stored_parts(self) -> Parts:
         """The tensors of a file."""
         statistics = self.statistics.reshape(*self.samples.shape, rainer.STATISTICS)
         return gridded_parts(self, self.grids, **store_texture("statistics", statistics, self.rounding))
@@ -219,5 +219,5 @@ class GriddedRainerMaterial(GriddedMaterial):
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
         of detail."""
         rows = torch.cat([self.latents(uv, wo), sample_texture(self.grid_statistics, uv)], 1)
-        where = rainer.coordinates(wo, wi, self.directions)
-        return to_radiance(rainer.log_radiance(self.network, rows, where), self.gain)
+        coordinates = rainer.direction_coordinates(wo, wi, self.directions)
+        return to_radiance(rainer.log_radiance(self.network, rows, coordinates), self.gain)

@@ -30,9 +30,9 @@ from bench.training.fitting import ROUNDING_SAMPLES, LogLoss
 from bench.training.stored_network import load_network, store_network
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
-CHECKED = 128  # pairs of a material at which the decoder's answers are compared with the data during encoding
+CHECKED_PAIRS = 128  # pairs of a material at which the decoder's answers are compared with the data during encoding
 FIREFLY = 2.0  # × the brightest sample of an ABRDF: larger answers of the decoder are wrong
-TARGETS = 375  # pairs of each training material that the decoder must answer
+TARGET_PAIRS = 375  # pairs of each training material that the decoder must answer
 
 
 class Rainer2020Network(SharedNetwork):
@@ -96,12 +96,12 @@ class Rainer2020(Codec):
         blocks = torch.arange(samples.texels, device=fit.device).split(rainer.BLOCK)
         texture = torch.cat([coder(samples.abrdfs(block)) for block in fit.progress(blocks, "encoding")])
         batch = samples.draw(ROUNDING_SAMPLES, fit.generator())
-        where = rainer.coordinates(samples.wo, samples.wi)[batch.pair]
+        coordinates = rainer.direction_coordinates(samples.wo, samples.wi)[batch.pair]
 
         def answers(texture: Tensor) -> Tensor:
             """Log radiance (n, 3) of a texture (H · W, D + 6) at the samples of `batch`."""
             rows = texture.index_select(0, batch.texel)
-            return rainer.log_radiance(coder.decoder, rows, where)
+            return rainer.log_radiance(coder.decoder, rows, coordinates)
 
         rounding = round_after(texture, self.settings.bits, answers, batch.target)
         return Parts(
@@ -153,11 +153,12 @@ class Coder(torch.nn.Module):
         canonical = unpack_layout(stored)
         self.encoder = load_network(rainer.Encoder(len(canonical.view), settings.latents), stored)
         self.decoder = decoder_of(network)
-        self.resampled = Resampler(samples.btf.layout, canonical)
+        self.resampler = Resampler(samples.btf.layout, canonical)
         # P pairs of the material, evenly spread over all, and their coordinates for the decoder.
-        count = min(samples.pairs, CHECKED)
-        self.checked = nn.Buffer(torch.linspace(0, samples.pairs - 1, count).round().long())  # (P,)
-        self.where = nn.Buffer(rainer.coordinates(samples.wo, samples.wi).cpu()[self.checked])  # (P, 4)
+        count = min(samples.pairs, CHECKED_PAIRS)
+        self.checked_pairs = nn.Buffer(torch.linspace(0, samples.pairs - 1, count).round().long())  # (P,)
+        coordinates = rainer.direction_coordinates(samples.wo, samples.wi).cpu()
+        self.coordinates = nn.Buffer(coordinates[self.checked_pairs])  # (P, 4)
 
     @torch.no_grad()
     def forward(self, abrdfs: Tensor) -> Tensor:
@@ -166,14 +167,14 @@ class Coder(torch.nn.Module):
         In each colour channel, mean and deviation are those of the canonical pairs if the decoder's answers with them
         are nearer to the ABRDF than its mean, and not far too bright; else the mean of the material's own pairs, and 0.
         """
-        canonical = self.resampled(abrdfs)  # (n, C, 3)
+        canonical = self.resampler(abrdfs)  # (n, C, 3)
         stats = rainer.statistics(canonical)  # (n, 2, 3): mean and deviation
-        latents = rainer.encoded(self.encoder, canonical, stats)
-        count = len(self.where)
-        where = self.where.repeat(len(latents), 1)  # (n · P, 4)
+        latents = rainer.encoded_latents(self.encoder, canonical, stats)
+        count = len(self.coordinates)
+        coordinates = self.coordinates.repeat(len(latents), 1)  # (n · P, 4)
         rows = torch.cat([latents, stats.flatten(1)], 1).repeat_interleave(count, 0)  # (n · P, D + 6)
-        answers = rainer.log_radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
-        truth = abrdfs[:, self.checked]  # (n, P, 3)
+        answers = rainer.log_radiance(self.decoder, rows, coordinates).unflatten(0, (-1, count))  # (n, P, 3)
+        truth = abrdfs[:, self.checked_pairs]  # (n, P, 3)
         mean = abrdfs.mean(1, keepdim=True)  # (n, 1, 3), of the material's own pairs
         error = (answers - truth).square().mean(1)  # (n, 3), by channel
         mean_error = (mean - truth).square().mean(1)
@@ -207,28 +208,28 @@ class Resampler(torch.nn.Module):
 
 
 class Pool(Samples):
-    """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at `TARGETS` pairs to answer for.
+    """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at `TARGET_PAIRS` pairs to answer for.
 
     Those of `fit.unseen` come last, from texel `trained` on, for the curve. Pair p of texel t has the decoder's inputs
-    `where[material[t], p]`.
+    `coordinates[material[t], p]`.
     """
 
-    def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
-        """Read at most `most` random texels of each BTF, and of each of `fit.unseen`."""
+    def __init__(self, btfs: Sequence[BTF], canonical: Layout, most_texels: int, fit: Fit):
+        """Read at most `most_texels` random texels of each BTF, and of each of `fit.unseen`."""
         # `Samples.__init__` would read one BTF. This holds parts of several, in the same attributes.
         generator = fit.generator()
         device = fit.device
         materials = [
-            _training_texels(btf, canonical, most, generator, fit)
+            _training_texels(btf, canonical, most_texels, generator, fit)
             for btf in fit.progress([*btfs, *fit.unseen], "materials")
         ]
-        inputs, targets, where = zip(*materials, strict=True)  # of each the tensors of all materials
+        inputs, targets, coordinates = zip(*materials, strict=True)  # of each the tensors of all materials
         self.device = device
         self.inputs = torch.cat(inputs)  # (texels, C, 3)
-        self.table = torch.cat(targets)  # (texels, TARGETS, 3)
+        self.table = torch.cat(targets)  # (texels, TARGET_PAIRS, 3)
         self.texels = len(self.inputs)
-        self.pairs = TARGETS
-        self.where = torch.stack(where)  # (materials, TARGETS, 4)
+        self.pairs = TARGET_PAIRS
+        self.coordinates = torch.stack(coordinates)  # (materials, TARGET_PAIRS, 4)
         counts = torch.tensor([len(abrdfs) for abrdfs in inputs], device=device)  # texels of each material
         self.trained = int(counts[: len(btfs)].sum())
         self.material = torch.arange(len(materials), device=device).repeat_interleave(counts)  # (texels,)
@@ -239,14 +240,14 @@ class Pool(Samples):
 
 
 def _training_texels(
-    btf: BTF, canonical: Layout, most: int, generator: torch.Generator, fit: Fit
+    btf: BTF, canonical: Layout, most_texels: int, generator: torch.Generator, fit: Fit
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Of at most `most` random texels of a BTF what the encoder sees, and what the decoder should answer.
+    """Of at most `most_texels` random texels of a BTF what the encoder sees, and what the decoder should answer.
 
-    Returns log ABRDFs at the canonical pairs, (n, C, 3), and at the target pairs, (n, TARGETS, 3), both in halves, and
-    the decoder's inputs (TARGETS, 4) for the target pairs.
+    Returns log ABRDFs at the canonical pairs, (n, C, 3), and at the target pairs, (n, TARGET_PAIRS, 3), both in halves,
+    and the decoder's inputs (TARGET_PAIRS, 4) for the target pairs.
     """
-    texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
+    texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most_texels].to(fit.device)
     input_pairs = btf.subset(btf.split().train)  # as when the material itself is encoded
     target_pairs = btf.subset(_target_pairs(btf, generator))
     gain = gain_of(input_pairs, fit)
@@ -255,11 +256,11 @@ def _training_texels(
     inputs = [resampler(input_samples.abrdfs(block)).half() for block in texel.split(rainer.BLOCK)]
     target_samples = Samples(target_pairs, gain, fit)
     targets = target_samples.abrdfs(texel).half()
-    return torch.cat(inputs), targets, rainer.coordinates(target_samples.wo, target_samples.wi)
+    return torch.cat(inputs), targets, rainer.direction_coordinates(target_samples.wo, target_samples.wi)
 
 
 def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
-    """The indices of `TARGETS` random pairs, repeated in turns if there are fewer.
+    """The indices of `TARGET_PAIRS` random pairs, repeated in turns if there are fewer.
 
     They are held-out ones if the BTF declares some, training pairs if it declares that there are none, else any. The
     encoder sees training pairs alone. So a decoder that answers held-out ones learns to interpolate between them.
@@ -271,7 +272,7 @@ def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
     else:
         pairs = btf.split().train
     order = torch.randperm(len(pairs), generator=generator).numpy()
-    return pairs[np.resize(order, TARGETS)]  # `resize` cuts the random order, or repeats it
+    return pairs[np.resize(order, TARGET_PAIRS)]  # `resize` cuts the random order, or repeats it
 
 
 class Rainer2020Objective(rainer.Autoencoder):
@@ -289,6 +290,6 @@ class Rainer2020Objective(rainer.Autoencoder):
     def stored_networks(self) -> list[torch.nn.Module]:
         return [self.network, self.encoder]
 
-    def where(self, batch: Batch) -> Tensor:
+    def coordinates_of(self, batch: Batch) -> Tensor:
         """The decoder's inputs (n, 4) for the pairs of a batch, which differ from material to material."""
-        return self.samples.where[self.samples.material[batch.texel], batch.pair]
+        return self.samples.coordinates[self.samples.material[batch.texel], batch.pair]

@@ -113,14 +113,14 @@ class TriplePlaneObjective(TextureObjective):
         self.network: GriddedNetwork = GriddedNetwork(decoder, settings, samples.shape, generator)
         side, channels = settings.resolution, settings.channels
         self.grids = first_grids(samples, settings, settings.start, generator)
-        first = RANDOM_SPREAD * torch.randn(2, side, side, channels, generator=generator)
+        first_planes = RANDOM_SPREAD * torch.randn(2, side, side, channels, generator=generator)
         if settings.start != "random":
             # The first two channels are x and y of the direction that each texel of a plane stands for: row 0 is y = 1,
             # as in a texture.
             along = torch.linspace(-1, 1, side)
             xy = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)  # (S, S, 2)
-            first[..., : min(2, channels)] = xy[..., :channels]  # of one channel only x
-        self.direction_planes = nn.Parameter(first)  # over half vectors, and over difference vectors; not blurred
+            first_planes[..., : min(2, channels)] = xy[..., :channels]  # of one channel only x
+        self.direction_planes = nn.Parameter(first_planes)  # over half and over difference vectors; not blurred
         self.rounded_planes = Rounding(channels, settings.bits)
         # The four texels around the place at which each pair's vector reads its plane, and their weights, (N, 4).
         h, d = half_and_difference(samples.wo, samples.wi, settings.difference)

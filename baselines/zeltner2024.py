@@ -106,14 +106,14 @@ class FramedNetwork(nn.Module):
         super().__init__()
         self.authors_code = settings.edition == "code"  # whether it is the authors' code, not the article
         if self.authors_code:
-            self.directions = 4  # half vector, difference vector, wi and wo
+            self.direction_count = 4  # half vector, difference vector, wi and wo
             numbers_of_frame = 3 + 3 + 1 + 1  # of wi and wo only the cosine
         else:
-            self.directions = 3 if settings.halfway else 2  # wo, wi, and the half vector
-            numbers_of_frame = 3 * self.directions
-        self.direction_inputs = numbers_of_frame * max(1, settings.frames)  # without frames the surface's own axes
+            self.direction_count = 3 if settings.halfway else 2  # wo, wi, and the half vector
+            numbers_of_frame = 3 * self.direction_count
+        self.direction_input_count = numbers_of_frame * max(1, settings.frames)  # without frames the surface's own axes
         latents = total(settings)
-        inputs = latents + self.direction_inputs
+        inputs = latents + self.direction_input_count
         architecture = Architecture(inputs, (settings.width,) * settings.layers, activation=settings.activation)
         self.frames: Frames | None = None
         if settings.frames:  # the authors' frames have no bias; outputs are added to the surface's own axes
@@ -127,7 +127,8 @@ class FramedNetwork(nn.Module):
             directions = torch.stack([half, difference, wi, wo], 1)  # (n, 4, 3)
         else:
             half = functional.normalize(wo + wi, dim=1)
-            directions = torch.stack([wo, wi, half][: self.directions], 1)  # (n, 3, 3), or (n, 2, 3) without `halfway`
+            # (n, 3, 3), or without `halfway` (n, 2, 3).
+            directions = torch.stack([wo, wi, half][: self.direction_count], 1)
         # x, y, z in each frame, (n, directions · 3 · frames), one direction after the other.
         if self.frames is None:
             turned = directions.flatten(1)
@@ -194,9 +195,9 @@ class Zeltner2024Material(GriddedMaterial):
         framed: FramedNetwork = network.decoder
         architecture, frames = framed.decoder.architecture, framed.frames
         channels = sum(grid.shape[2] for name, grid in grids.items() if name != "offset")
-        if channels != architecture.inputs - framed.direction_inputs:
+        if channels != architecture.inputs - framed.direction_input_count:
             raise ValueError(f"a texture of {channels} channels for a network of {architecture.inputs} inputs")
-        frame_flops = frames.flops(framed.directions) if frames else 0
+        frame_flops = frames.flops(framed.direction_count) if frames else 0
         super().__init__(network, grids, architecture.flops + frame_flops, gain)
         self.authors_code = framed.authors_code
 

@@ -58,11 +58,11 @@ COARSE_ONE_IN = 8  # one of this many samples is of a coarser level
 # Share of the steps of a fit after which the height moves. Earlier, latents are still misplaced, and would pull the
 # height with them.
 REFINED_FROM = 0.5
-RENEWED = 10  # steps between two surfaces that are marched, while the height is refined
+RENEWED_EVERY = 10  # steps between two surfaces that are marched, while the height is refined
 HIGHEST = 2 * geometry.REACH  # and −HIGHEST the lowest height, in widths of the picture: what a decoder reads
 HEIGHT_RATE = 0.02  # texels, the highest learning rate of the height
-DEEPEST = 3.0  # level of detail of footprints of 8 texels, which the network sees as 1
-SHADOW = 0.5  # texels: about half of the penumbra that a texel's width makes
+DEEPEST_LEVEL = 3.0  # level of detail of footprints of 8 texels, which the network sees as 1
+SHADOW_SHARPNESS = 0.5  # per texel: the network sees the tanh of this times the excess
 
 
 class Network(nn.Module):
@@ -103,9 +103,9 @@ class Network(nn.Module):
         `wo` and `wi` are unit vectors (n, 3), `level` (n, 1) is the level of detail. `excess` (n, 1) is how far the
         relief rises above the ray to the light, in texels; None without a relief or without its shadow.
         """
-        numbers = [level / DEEPEST, *direction_inputs(wo, wi, "xyzh")]  # (n, columns) each
+        numbers = [level / DEEPEST_LEVEL, *direction_inputs(wo, wi, "xyzh")]  # (n, columns) each
         if excess is not None:
-            numbers.append((excess * SHADOW).tanh())
+            numbers.append((excess * SHADOW_SHARPNESS).tanh())
         dtype = latents[0].dtype  # as that of the network; directions may be more precise
         inputs = [*latents, *(values.to(dtype) for values in numbers)]
         out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
@@ -254,8 +254,8 @@ def rectified(samples: Samples, height: Tensor, pair: Tensor) -> Tensor:
     centres = samples.centres(torch.arange(samples.texels, device=samples.device))
     rise = height.reshape(-1, 1).to(samples.device)  # (texels, 1)
     surface_slices = []
-    for i, plane_slice in zip(pair.tolist(), samples.slices(pair).unbind(1), strict=True):
-        wo = samples.wo[i : i + 1]  # (1, 3)
+    for index, plane_slice in zip(pair.tolist(), samples.slices(pair).unbind(1), strict=True):
+        wo = samples.wo[index : index + 1]  # (1, 3)
         place = wrapped(centres - rise * slope(wo, samples.shape))
         surface_slices.append(sample_texture(plane_slice.reshape(*samples.shape, 3), place))
     return torch.stack(surface_slices, 1)
@@ -295,9 +295,9 @@ class ReliefObjective(Objective):
             if settings.refine:
                 self.height_shift = nn.Parameter(torch.zeros_like(height))
             # Where the steps of a fit are recorded, a surface that is renewed stays in the memory that they read.
-            self.relief = Surface(in_steps(height), stays=settings.refine and records_graphs(fit.device))
+            self.relief = Surface(in_steps(height), renewable=settings.refine and records_graphs(fit.device))
             slices = partial(rectified, self.samples, height)  # takes the pairs
-        self.moved = False  # whether the marched surface differs from the first one
+        self.surface_moved = False  # whether the marched surface differs from the first one
         first = first_latents(self.samples, total(settings), settings.start, generator, slices)  # (H · W, channels)
         self.grids = Grids(first, self.samples.shape, settings, offset=not has_height)
 
@@ -313,12 +313,12 @@ class ReliefObjective(Objective):
         """Also renew the surface while the height moves."""
         super().prepare(fit, progress)
         # By the number of the step, so that a resumed fit marches the same surface. If a fit was set back to before the
-        # height moved, `moved` is still set, and the first height is marched again.
+        # height moved, `surface_moved` is still set, and the first height is marched again.
         moves_height = self.moves_height(progress)
         step = round(progress * self.settings.steps)
-        if (moves_height or self.moved) and step % RENEWED == 0:
+        if (moves_height or self.surface_moved) and step % RENEWED_EVERY == 0:
             self.renew_surface()
-            self.moved = moves_height
+            self.surface_moved = moves_height
 
     def stored_networks(self) -> list[nn.Module]:
         return [self.network]
@@ -347,7 +347,7 @@ class ReliefObjective(Objective):
         # If it is not finite, the fit diverges, and its loop handles that.
         if self.relief is None or height is None or not height.isfinite().all():
             return
-        if self.relief.stays:
+        if self.relief.renewable:
             self.relief.renew(in_steps(height))
         else:
             self.relief = Surface(in_steps(height))
@@ -410,17 +410,17 @@ class Relief(Codec):
         levels = Samples.levels(btf, fitted_level_count(btf, fit, level_count(btf.shape)), gain, fit)
         swept = sweep.find(btf, gain, fit) if self.settings.relief else None
         height = swept.height if swept is not None and swept.stands else None
-        objective = partial(ReliefObjective, levels, height, self.settings)  # of a fit
+        make_objective = partial(ReliefObjective, levels, height, self.settings)  # takes the fit
         if height is None and self.settings.offset:  # some starts find depths that are periods apart, and stay there
-            fit = better_start(objective, fit, self.settings.steps)
-        fitting = objective(fit)
+            fit = better_start(make_objective, fit, self.settings.steps)
+        fitting = make_objective(fit)
         train(fitting, fit, self.settings.steps)
         texture = fitting.grids.stored()
         if fitting.height is not None:
-            codes, extent, _ = stepped(fitting.height.detach().cpu())
+            codes, low_and_step, _ = stepped(fitting.height.detach().cpu())
             # A flat height has the code 0 alone, and takes one bit.
             bits = max(1, int(codes.max()).bit_length())
-            texture |= {"height": compress(codes[..., None], [bits]), "height.range": extent}
+            texture |= {"height": compress(codes[..., None], [bits]), "height.range": low_and_step}
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         return Parts(store_network(fitting.network, self.settings.weights), texture, other=other)
 

@@ -51,15 +51,16 @@ class Surface(nn.Module):
     that a fit refines is given to `follow`.
     """
 
-    def __init__(self, height: Tensor, stays: bool = False):
+    def __init__(self, height: Tensor, renewable: bool = False):
         """Make the finer copy of a height (H, W), with a margin as wide as a ray can go sideways, or none if it would
         be too large.
 
-        If it `stays`, `renew` gives it another height in the same memory: no size and no program depends on the height.
+        If it is `renewable`, `renew` gives it another height in the same memory: no size and no program depends on the
+        height.
         """
         super().__init__()
         self.shape = (height.shape[0], height.shape[1])
-        self.stays = stays
+        self.renewable = renewable
         low, high = float(height.min()), float(height.max())
         self.low: float | Tensor = self._bound(low)
         self.high: float | Tensor = self._bound(high)
@@ -78,14 +79,14 @@ class Surface(nn.Module):
         self.margin = [reach_in_rows + 2, reach_in_cols + 2]
         # By how much the margin makes the copy larger.
         growth = (1 + 2 * self.margin[0] / rows) * (1 + 2 * self.margin[1] / cols)
-        self.wraps = stays or growth > MOST_PADDED or growth * math.prod(self.fine) > MOST_FINE
+        self.wraps = renewable or growth > MOST_PADDED or growth * math.prod(self.fine) > MOST_FINE
         if self.wraps:  # a look-up beyond an edge goes on at the opposite one
             self.margin = [0, 0]
         self.padded = nn.Buffer(self._padded(), persistent=False)
 
     @torch.no_grad()
     def renew(self, height: Tensor) -> None:
-        """Be the surface of another height (H, W) of the same device, if this one `stays`."""
+        """Be the surface of another height (H, W) of the same device, if this one is `renewable`."""
         assert isinstance(self.low, Tensor)
         assert isinstance(self.high, Tensor)
         self.low.copy_(height.min())
@@ -94,8 +95,8 @@ class Surface(nn.Module):
         self.padded.copy_(self._padded())
 
     def _bound(self, value: float) -> float | Tensor:
-        """The lowest or the highest height: a number that programs know or, if the surface stays, one in memory."""
-        if not self.stays:
+        """The lowest or the highest height: a number that programs know or, in a renewable surface, one in memory."""
+        if not self.renewable:
             return value
         # In double precision, as Python's numbers are, so that a search has the same steps to the bit.
         return nn.Buffer(torch.tensor(value, dtype=torch.double), persistent=False)
@@ -147,21 +148,22 @@ class Surface(nn.Module):
         along = slope(wo, self.shape)
         # The linear search, from the highest height down to the lowest.
         step = (self.high - self.low) / VIEW_STEPS
-        z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]  # (steps, 1)
-        # How far the surface is above the ray, (steps, n): negative before the hit.
-        over = self._nearest(*_along(uv, along, z)) - z  # queries last: reductions over steps are fast
-        # Step i leads from z[i] to z[i + 1]. Steps have falling ranks, VIEW_STEPS for step 0 to 1 for the last, so the
-        # first step that ends within the surface has the highest rank of all such steps.
+        step_ends = torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype)
+        heights = (self.high - step * step_ends)[:, None]  # (steps + 1, 1)
+        # How far the surface is above the ray, (steps + 1, n): negative before the hit.
+        gaps = self._nearest(*_uv_along(uv, along, heights)) - heights  # queries last: reductions over steps are fast
+        # Step i leads from heights[i] to heights[i + 1]. Steps have falling ranks, VIEW_STEPS for step 0 to 1 for the
+        # last, so the first step that ends within the surface has the highest rank of all such steps.
         rank = torch.arange(VIEW_STEPS, 0, -1, device=uv.device, dtype=torch.uint8)[:, None]
-        highest_rank = ((over[1:] >= 0) * rank).amax(0, keepdim=True).long()  # (1, n); 0 if no step does
+        highest_rank = ((gaps[1:] >= 0) * rank).amax(0, keepdim=True).long()  # (1, n); 0 if no step does
         # The last step ends at the lowest height, where only rounding can keep a ray from the surface.
-        first = (VIEW_STEPS - highest_rank).clamp_max(VIEW_STEPS - 1)
+        hit_step = (VIEW_STEPS - highest_rank).clamp_max(VIEW_STEPS - 1)
         # The heights at which this step begins and ends, and the gaps, how far the surface is above the ray there: all
         # (n, 1). The upper gap is at most 0, the lower one at least.
-        upper = z[first[0]]
-        lower = z[first[0] + 1]
-        upper_gap = over.gather(0, first).T.clamp_max(0)
-        lower_gap = over.gather(0, first + 1).T.clamp_min(0)
+        upper = heights[hit_step[0]]
+        lower = heights[hit_step[0] + 1]
+        upper_gap = gaps.gather(0, hit_step).T.clamp_max(0)
+        lower_gap = gaps.gather(0, hit_step + 1).T.clamp_min(0)
         # Steps of the secant.
         for _ in range(SECANTS):
             # Where the gap would be 0 if it were a line between both; this point replaces the end on its own side. With
@@ -203,11 +205,11 @@ class Surface(nn.Module):
         share = (torch.arange(LIGHT_STEPS, device=uv.device, dtype=uv.dtype) + 0.5) / LIGHT_STEPS  # (steps,)
         # How far the ray is above z at each step; beyond the highest height nothing can block it.
         rise = (self.high - z).clamp_min(0).T * share[:, None]  # (steps, n)
-        over = self._nearest(*_along(uv, along, rise)) - (z.T + rise)
-        return over.amax(0)[:, None] * self.shape[1]
+        gaps = self._nearest(*_uv_along(uv, along, rise)) - (z.T + rise)
+        return gaps.amax(0)[:, None] * self.shape[1]
 
 
-def _along(uv: Tensor, along: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
+def _uv_along(uv: Tensor, along: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
     """u and v (steps, n), not wrapped, of rays through uv (n, 2) at heights z (steps, n) or (steps, 1) above it.
 
     `along` (n, 2) is the change of uv per unit of height.
@@ -227,7 +229,7 @@ def wrapped(uv: Tensor) -> Tensor:
 def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """A height (H, W) in steps, as a file holds it.
 
-    Returns the codes (H, W), whole numbers from 0 as floats; their extent (2,), the lowest height and the step, in
+    Returns the codes (H, W), whole numbers from 0 as floats; `low_and_step` (2,), the lowest height and the step, in
     widths of the picture; and the height (H, W) as read back from both.
     """
     low, high = height.aminmax()
@@ -240,13 +242,13 @@ def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     codes = (height / step).round()  # steps from height 0, below 0 too
     lowest_code = codes.min()
     codes = codes - lowest_code
-    extent = torch.stack([lowest_code * step, step])
-    return codes, extent, restored(codes, extent)
+    low_and_step = torch.stack([lowest_code * step, step])
+    return codes, low_and_step, restored(codes, low_and_step)
 
 
-def restored(codes: Tensor, extent: Tensor) -> Tensor:
-    """The height (H, W) of codes (H, W), given the lowest height and the step, `extent` (2,)."""
-    return codes * extent[1] + extent[0]
+def restored(codes: Tensor, low_and_step: Tensor) -> Tensor:
+    """The height (H, W) of codes (H, W), given the lowest height and the step (2,)."""
+    return codes * low_and_step[1] + low_and_step[0]
 
 
 def smoothed(picture: Tensor) -> Tensor:
@@ -288,7 +290,7 @@ def blurred(costs: Tensor) -> Tensor:
     return costs
 
 
-def least(costs: Tensor) -> Tensor:
+def cheapest(costs: Tensor) -> Tensor:
     """Index (1, H, W) of the cheapest height at each texel, from costs (Z, H, W)."""
     return costs.argmin(0, keepdim=True)
 
@@ -298,7 +300,7 @@ def refined(costs: Tensor, heights: Tensor) -> Tensor:
 
     It is the lowest place of a parabola through the cheapest height and its two neighbours.
     """
-    best = least(costs).clamp(1, len(heights) - 2)  # (1, H, W), with a neighbour on each side
+    best = cheapest(costs).clamp(1, len(heights) - 2)  # (1, H, W), with a neighbour on each side
     below, at, above = (costs.gather(0, best + step)[0] for step in (-1, 0, 1))  # costs (H, W) each
     bend = (below - 2 * at + above).clamp_min(1e-9)  # 0 where all three are equal
     # In steps of height, at most half a step from the cheapest.

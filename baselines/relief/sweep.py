@@ -22,7 +22,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from baselines.relief.geometry import HEIGHTS, REACH, Surface, blurred, least, refined, shifted, slope, wrapped
+from baselines.relief.geometry import HEIGHTS, REACH, Surface, blurred, cheapest, refined, shifted, slope, wrapped
 from bench.btf import BTF, Layout
 from bench.codec import Fit
 from bench.directions.hemisphere import thin
@@ -47,7 +47,7 @@ def refine(height: Tensor, slices: Tensor, views: Tensor) -> Tensor:
 
     It is that at which components of the ABRDFs leave least, see the module; or the first one, if much of it is hidden.
     """
-    if hidden(height, views) > MOST_HIDDEN:
+    if hidden_share(height, views) > MOST_HIDDEN:
         return height
     model = _components(height, slices, views)
     # The heights to try, evenly spaced around the range of the first ones.
@@ -65,7 +65,7 @@ def refine(height: Tensor, slices: Tensor, views: Tensor) -> Tensor:
     return refined(blurred(torch.stack(costs)), heights)
 
 
-def unexplained(height: Tensor, slices: Tensor, views: Tensor) -> float:
+def unexplained_error(height: Tensor, slices: Tensor, views: Tensor) -> float:
     """The mean |log radiance| that the components of the surface points at a height do not explain.
 
     The components are of these points themselves. Arguments as of `refine`.
@@ -102,7 +102,7 @@ def _components(height: Tensor, slices: Tensor, views: Tensor) -> _Components:
     return _Components(centred, mean, weight, basis.to(radiance))
 
 
-def hidden(height: Tensor, views: Tensor) -> float:
+def hidden_share(height: Tensor, views: Tensor) -> float:
     """The share of surface points, over all views (V, 3), that another point hides by more than a texel."""
     surface = Surface(height)
     point_heights = height.reshape(-1, 1)  # (H · W, 1)
@@ -163,8 +163,8 @@ def find(btf: BTF, gain: float, fit: Fit) -> SweptHeight | None:
     gains = []
     for height, other_half in zip(heights, reversed(halves), strict=True):
         test_slices, test_views = slices[other_half], views[other_half]
-        plane_error = unexplained(torch.zeros_like(height), test_slices, test_views)
-        relief_error = unexplained(height, test_slices, test_views)
+        plane_error = unexplained_error(torch.zeros_like(height), test_slices, test_views)
+        relief_error = unexplained_error(height, test_slices, test_views)
         # If even the plane leaves only rounding, the gain is near 0.
         gains.append((plane_error - relief_error) / max(plane_error, LEAST_LEFT))
     likeness = _likeness(heights[0].flatten(), heights[1].flatten())
@@ -179,7 +179,7 @@ def _swept(slices: Tensor, views: Tensor) -> Tensor:
     """
     coarse_heights = torch.linspace(-REACH, REACH, HEIGHTS)
     # The lowest and the highest of the texels' cheapest heights.
-    lowest, highest = least(_costs(slices, views, coarse_heights)).aminmax()  # as indices
+    lowest, highest = cheapest(_costs(slices, views, coarse_heights)).aminmax()  # as indices
     low, high = float(coarse_heights[int(lowest)]), float(coarse_heights[int(highest)])
     step = float(coarse_heights[1] - coarse_heights[0])
     fine_heights = torch.linspace(low - step, high + step, HEIGHTS)
@@ -203,17 +203,15 @@ def _grid(layout: Layout) -> np.ndarray | None:
     frontality = np.where(measured.sum(1) > 1, layout.views[:, 2], -1)
     front = int(np.argmax(frontality))
     lights = np.flatnonzero(measured[front])
-    # At most `MOST_LIGHTS`, spread evenly.
-    kept = thin(layout.lights[lights], count=min(MOST_LIGHTS, len(lights)))
-    lights = lights[kept]
+    spread_evenly = thin(layout.lights[lights], count=min(MOST_LIGHTS, len(lights)))
+    lights = lights[spread_evenly]
     # The other views that have all these lights.
     others = np.flatnonzero(measured[:, lights].all(1))
     others = others[others != front]
     if len(lights) < 2 or len(others) < 2:  # each half of the views needs one beside the most frontal
         return None
-    kept = thin(layout.views[others], count=min(MOST_VIEWS - 1, len(others)))
-    others = others[kept]
-    views = np.concatenate([[front], others])
+    spread_evenly = thin(layout.views[others], count=min(MOST_VIEWS - 1, len(others)))
+    views = np.concatenate([[front], others[spread_evenly]])
     return pairs[views][:, lights]
 
 
@@ -226,11 +224,11 @@ def _read(btf: BTF, grid: np.ndarray, gain: float, fit: Fit) -> Tensor:
     bytes_of_a_light = len(grid) * height * width * 4  # one float32 a texel and view
     most_lights = max(2, MEMORY // bytes_of_a_light)
     grid = grid[:, :most_lights]
-    levels = []
+    slices = []
     for picture in fit.progress(btf.subset(grid.reshape(-1)), "sweeping", grid.size):
         log_radiance = torch.from_numpy(np.maximum(picture, 0)).mul_(gain).log1p_()  # (H, W, 3)
-        levels.append(log_radiance.mean(-1))
-    return torch.stack(levels).reshape(*grid.shape, *btf.shape).to(fit.device)
+        slices.append(log_radiance.mean(-1))
+    return torch.stack(slices).reshape(*grid.shape, *btf.shape).to(fit.device)
 
 
 def _costs(slices: Tensor, views: Tensor, heights: Tensor) -> Tensor:

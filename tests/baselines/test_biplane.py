@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.biplane import CHECKED, PAIRS, Biplane, BiplaneDecoder, BiplaneNetwork, BiplaneObjective, Pool
+from baselines.biplane import CHECKED_PAIRS, PAIRS, Biplane, BiplaneDecoder, BiplaneNetwork, BiplaneObjective, Pool
 from bench.codec import Fit, TrainedNetwork
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
@@ -69,7 +69,7 @@ def test_a_texel_that_falls_back_to_its_mean_leaves_the_others_as_the_fit_saw_th
     values = np.stack(list(base))
     # No decoder answers noise, so the means of these two rows are nearer to it.
     values[:, 3:5] = np.random.default_rng(0).uniform(0, 0.3, values[:, 3:5].shape)
-    btf = at_tiny_pairs(values).subset(np.arange(CHECKED))
+    btf = at_tiny_pairs(values).subset(np.arange(CHECKED_PAIRS))
     ours, fit = codec(steps=60, bits=bits), Fit(network=trained)
     parts = ours.encode(btf, fit)
     stored = load_texture("texels", parts.texture).flatten(0, 1)
@@ -97,9 +97,11 @@ def test_a_texel_that_falls_back_to_its_mean_leaves_the_others_as_the_fit_saw_th
         with torch.no_grad():
             fitting.texture.copy_(texels[:, :6])
             fitting.colours.copy_(texels[:, 6:])
-            texel, pair = (x.flatten() for x in torch.meshgrid(torch.arange(64), torch.arange(CHECKED), indexing="ij"))
+            texel = torch.arange(64).repeat_interleave(CHECKED_PAIRS)
+            pair = torch.arange(CHECKED_PAIRS).repeat(64)
             batch = samples.at(texel, pair)
-            error = (fitting.predict(batch, 1.0) - batch.target).square().mean(1).unflatten(0, (64, CHECKED)).mean(1)
+            squares = (fitting.predict(batch, 1.0) - batch.target).square().mean(1)
+            error = squares.unflatten(0, (64, CHECKED_PAIRS)).mean(1)
         errors.append(error)
     torch.testing.assert_close(errors[0], torch.minimum(errors[1], errors[2]), rtol=1e-4, atol=1e-7)
 

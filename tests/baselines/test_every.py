@@ -8,7 +8,7 @@ from torch import Tensor
 
 from baselines.hierarchical import HierarchicalObjective
 from baselines.neumip import LOSSES, NeuMIPObjective
-from baselines.neuralbtf import NeuralBTF, texture_sizes
+from baselines.neuralbtf import NeuralBTF, texture_factors
 from bench.codec import Codec, Fit
 from bench.codecs import shared
 from bench.codecs.registry import load_codec, make_codec
@@ -87,7 +87,7 @@ def less(at: Any) -> Callable[[Tensor], Tensor]:
         ("zeltner2024", SMALL | {"bits": 32}, "texture/latents", less((..., slice(7))), "7 channels"),
         *(
             ("neuralbtf", SMALL | {"width": 32, "bits": 32}, f"texture/{texture}", less(slice(1)), "is not of")
-            for texture in texture_sizes(NeuralBTF().settings)
+            for texture in texture_factors(NeuralBTF().settings)
         ),
     ],
     ids=lambda value: value if isinstance(value, str) else "",

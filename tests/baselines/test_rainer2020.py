@@ -103,8 +103,8 @@ def test_what_is_asked_in_training_are_the_pairs_declared_held_out() -> None:
     btf = BTF("split", base.wo, base.wi, base.source, heldout=heldout)
     pool = Pool([btf, base], canonical_pairs(), 10, Fit())
     assert (pool.texels, pool.pairs) == (20, 375)
-    assert len(pool.where[0].unique(dim=0)) == 3
-    assert len(pool.where[1].unique(dim=0)) == 81
+    assert len(pool.coordinates[0].unique(dim=0)) == 3
+    assert len(pool.coordinates[1].unique(dim=0)) == 81
     assert pool.inputs.shape == (20, 625, 3)
 
 
@@ -112,7 +112,7 @@ def test_without_a_declared_held_out_pair_training_pairs_are_asked() -> None:
     base = tiny_btf()
     validation = np.arange(len(base)) < 20
     btf = BTF("none", base.wo, base.wi, base.source, heldout=np.zeros(len(base), bool), validation=validation)
-    assert len(Pool([btf], canonical_pairs(), 10, Fit()).where[0].unique(dim=0)) == len(base) - 20
+    assert len(Pool([btf], canonical_pairs(), 10, Fit()).coordinates[0].unique(dim=0)) == len(base) - 20
 
 
 def test_the_training_is_watched_on_what_it_does_not_see() -> None:

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from baselines.rainer import Encoder
-from baselines.rainer2019 import Encoded, Rainer2019
+from baselines.rainer2019 import EncodedLatents, Rainer2019
 from baselines.rainer2020 import Rainer2020, Rainer2020Network
 from bench.codec import Fit
 from bench.codecs import shared
@@ -82,7 +82,7 @@ def test_rainer2019_is_its_equations() -> None:
     gain = float(parts.other["gain"])
     compared(material, parts.texture["latents"].numpy(), parts.decoder["weights"].numpy(), gain)
     # The latents of a fit that did no step are those of the encoder that it starts with.
-    fitting = Encoded(Samples(btf, gain, fit), codec.settings, fit)
+    fitting = EncodedLatents(Samples(btf, gain, fit), codec.settings, fit)
     logs = np.log1p(gain * btf.texels([0, 3], [1, 5]).astype(np.float64))
     expected = [encode(to_vector(fitting.encoder).numpy(), one, 8) for one in logs]
     # The fit holds its data as halves.

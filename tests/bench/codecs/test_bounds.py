@@ -76,7 +76,7 @@ def test_a_height_that_wraps_is_met_where_a_padded_one_is(monkeypatch):
     wrapping = Surface(height)
     assert (padded.wraps, wrapping.wraps) == (False, True)
     torch.testing.assert_close(padded.meet(uv, wo), wrapping.meet(uv, wo))
-    renewed = Surface(height.flip(0) * 2, stays=True)
+    renewed = Surface(height.flip(0) * 2, renewable=True)
     memory = [buffer.data_ptr() for buffer in renewed.buffers()]
     renewed.renew(height)
     assert [buffer.data_ptr() for buffer in renewed.buffers()] == memory

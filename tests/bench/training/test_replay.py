@@ -75,7 +75,7 @@ def require_equal(ours: Parts, theirs: Parts) -> None:
 def test_replayed_steps_give_the_same_file(
     name: str, gpu: torch.device, kinds: dict[Any, replay.Program], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("baselines.relief.codec.RENEWED", 3)  # also between steps that are replayed
+    monkeypatch.setattr("baselines.relief.codec.RENEWED_EVERY", 3)  # also between steps that are replayed
     monkeypatch.setattr("baselines.relief.codec.HEIGHT_RATE", 1.0)  # so that few steps move it by what a file can hold
     ours = fitted(name, gpu)
     replayed = {phase for (phase, _), program in kinds.items() if program.replay is not None}
