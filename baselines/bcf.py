@@ -90,8 +90,8 @@ class BCF(Codec):
         fitting = fitted(BCFObjective, self.settings, btf, fit)
         textures: dict[str, Tensor] = {}
         for grid, texture in fitting.textures.items():
-            stored = texture.stored()
-            textures |= {f"{grid}.{name}": tensor for name, tensor in stored._asdict().items()}
+            stored_blocks = texture.stored()
+            textures |= {f"{grid}.{name}": tensor for name, tensor in stored_blocks._asdict().items()}
         return fitting.parts(textures, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -244,9 +244,9 @@ class BCFObjective(DirectedObjective):
         super().__init__(samples, settings, generator)
         shape = samples.shape
         self.network: Any = GriddedNetwork(self.network, settings, shape, generator, offset_channels=CHANNELS)
-        first = first_latents(samples, settings.latents, settings.start, generator)
-        grids = on_grids(first, shape, settings.channels)
-        self.textures: Any = nn.ModuleDict({grid: BlockTexture(latents) for grid, latents in grids.items()})
+        latents = first_latents(samples, settings.latents, settings.start, generator)
+        grids = on_grids(latents, shape, settings.channels)
+        self.textures: Any = nn.ModuleDict({grid: BlockTexture(first) for grid, first in grids.items()})
 
     def restored(self) -> None:
         """Set `has_range` again, once the tensors came from a state."""

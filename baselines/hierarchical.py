@@ -204,8 +204,8 @@ class HierarchicalNetworks(Networks):
         else:
             latents = sample_levels(pyramid, table, uv, texel_levels)
         numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), wide, wide))
-        out = self.decoder(self.direction_numbers(wo, wi), numbers)  # (n, S, S, 3), in YUV
-        return to_radiance(out @ self.to_rgb.to(out.dtype), gain=1.0)
+        outputs = self.decoder(self.direction_numbers(wo, wi), numbers)  # (n, S, S, 3), in YUV
+        return to_radiance(outputs @ self.to_rgb.to(outputs.dtype), gain=1.0)
 
     def place_numbers(self, uv: Tensor, level: Tensor, side: int) -> Tensor:
         """The sines (n, 4 · places) of uv (n, 2) at levels (n,) of a texture of `side` texels along its longer side.
@@ -313,11 +313,11 @@ class HierarchicalObjective(NeuMIPObjective):
         texel_size = 2**level / self.pyramid.sizes[0].flip(0)  # (2,), of the level, along u and v
         across, down = ((patch - 1) / 2 * texel_size).unbind()  # from the first texel's centre to the patch's
         middle = torch.stack([uv[:, 0] + across, uv[:, 1] - down], 1)  # rows go down, v goes up
-        along = torch.arange(patch, device=uv.device)
+        step = torch.arange(patch, device=uv.device)  # in texels from the first
         first_row = corner.texel.div(width, rounding_mode="floor")
         first_col = corner.texel.remainder(width)
-        row = (first_row[:, None] + along).remainder(height)  # (n, S)
-        col = (first_col[:, None] + along).remainder(width)  # (n, S)
+        row = (first_row[:, None] + step).remainder(height)  # (n, S)
+        col = (first_col[:, None] + step).remainder(width)  # (n, S)
         texels = (row[:, :, None] * width + col[:, None]).flatten()  # (n · S²,)
         target = samples.seen(texels, corner.pair.repeat_interleave(patch**2)).target
         return middle, wo, wi, levels, target.unflatten(0, (count, patch, patch)), corner.pair

@@ -39,8 +39,10 @@ class MeanColourMaterial(Material):
     """A texture (H, W, 3) of linear radiance, which is the answer for all directions and footprints."""
 
     def __init__(self, texture: Tensor):
+        """Count the cost of an answer, and keep the texture."""
         super().__init__((texture.shape[0], texture.shape[1]), DecoderCost.of_texture(texture))
         self.texture = texture
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return sample_texture(self.texture, uv)  # bilinear, periodic
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. Only uv is used: bilinear, periodic."""
+        return sample_texture(self.texture, uv)

@@ -158,10 +158,10 @@ class Networks(nn.Module):
 
     def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """gain · radiance (n, 3), not clamped, of latents (n, C): YUV → RGB → expm1, times a mask if there is one."""
-        out = self.decoder(torch.cat([*direction_inputs(wo, wi, self.directions), latents], 1))
-        rgb = to_radiance(out[:, :3] @ self.to_rgb.to(out.dtype), gain=1.0)  # callers divide by the gain
-        if out.shape[1] > 3:  # three more outputs, a mask for each colour
-            mask = SHUT + out[:, 3:].sigmoid()
+        outputs = self.decoder(torch.cat([*direction_inputs(wo, wi, self.directions), latents], 1))
+        rgb = to_radiance(outputs[:, :3] @ self.to_rgb.to(outputs.dtype), gain=1.0)  # callers divide by the gain
+        if outputs.shape[1] > 3:  # three more outputs, a mask for each colour
+            mask = SHUT + outputs[:, 3:].sigmoid()
             rgb = rgb * mask
         return rgb
 

@@ -102,9 +102,9 @@ class Levels(nn.Module):
         # The place in texels; whole numbers are texel centres. Half precision cannot address texels, so places are
         # computed in float32 for any dtype.
         place = torch.stack([1 - uv[:, 1].float(), uv[:, 0].float()], 1) * size - 0.5
-        first = place.detach().floor()  # row and column of the texel at the upper left
-        shares = place - first  # of the way to the next texel
-        first = first.long()
+        floor = place.detach().floor()
+        shares = place - floor  # of the way to the next texel
+        first = floor.long()  # row and column of the texel at the upper left
         top, left = first.remainder(size).unbind(1)
         bottom, right = (first + 1).remainder(size).unbind(1)
         down, across = shares.unbind(1)  # the shares of the lower row and of the right column

@@ -148,10 +148,10 @@ class Coder(torch.nn.Module):
     def __init__(self, network: TrainedNetwork, samples: Samples):
         """Load both networks, and prepare the change of a material's pairs to those that the encoder was trained on."""
         super().__init__()
-        stored = network.parts.encoder
+        encoder_tensors = network.parts.encoder
         settings = Rainer2020Network(**network.settings).settings
-        canonical = unpack_layout(stored)
-        self.encoder = load_network(rainer.Encoder(len(canonical.view), settings.latents), stored)
+        canonical = unpack_layout(encoder_tensors)
+        self.encoder = load_network(rainer.Encoder(len(canonical.view), settings.latents), encoder_tensors)
         self.decoder = decoder_of(network)
         self.resampler = Resampler(samples.btf.layout, canonical)
         # P pairs of the material, evenly spread over all, and their coordinates for the decoder.

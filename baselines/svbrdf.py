@@ -116,8 +116,8 @@ class MapsObjective(Objective):
         base = (albedo * (WHITE / brightness)).clamp(0.01, 0.99).logit()
         roughness, metalness = torch.tensor([ROUGHNESS, METALNESS]).logit()
         # The normal points straight up: x and y are 0. These four numbers are the same for each texel.
-        rest = torch.tensor([0, 0, roughness, metalness]).expand(len(base), 4)
-        self.numbers = nn.Parameter(torch.cat([base.cpu(), rest], 1))
+        other_numbers = torch.tensor([0, 0, roughness, metalness]).expand(len(base), 4)
+        self.numbers = nn.Parameter(torch.cat([base.cpu(), other_numbers], 1))
 
     def groups(self) -> list[ParameterGroup]:
         rate = self.settings.rate

@@ -117,8 +117,8 @@ class TriplePlaneObjective(TextureObjective):
         if settings.start != "random":
             # The first two channels are x and y of the direction that each texel of a plane stands for: row 0 is y = 1,
             # as in a texture.
-            along = torch.linspace(-1, 1, side)
-            xy = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)  # (S, S, 2)
+            centre = torch.linspace(-1, 1, side)  # of each texel along a side
+            xy = torch.stack([centre.expand(side, side), -centre[:, None].expand(side, side)], 2)  # (S, S, 2)
             first_planes[..., : min(2, channels)] = xy[..., :channels]  # of one channel only x
         self.direction_planes = nn.Parameter(first_planes)  # over half and over difference vectors; not blurred
         self.rounded_planes = Rounding(channels, settings.bits)

@@ -212,9 +212,9 @@ def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> lis
         for earlier in range(stage):
             # The earlier stage gives a cluster the mean of its members' codes there.
             # How many members of each cluster are in each cluster of the earlier stage, then which share of them.
-            common = np.zeros((len(counts), len(member_counts[earlier])), np.float32)
-            np.add.at(common, (labels[stage], labels[earlier]), 1)
-            shares = torch.from_numpy(common) / counts[:, None]
+            members_in_common = np.zeros((len(counts), len(member_counts[earlier])), np.float32)
+            np.add.at(members_in_common, (labels[stage], labels[earlier]), 1)
+            shares = torch.from_numpy(members_in_common) / counts[:, None]
             book = book - shares @ books[earlier].flatten(1)
         books.append(book.reshape(len(counts), -1, 3))
     return books

@@ -108,13 +108,13 @@ class Network(nn.Module):
             numbers.append((excess * SHADOW_SHARPNESS).tanh())
         dtype = latents[0].dtype  # as that of the network; directions may be more precise
         inputs = [*latents, *(values.to(dtype) for values in numbers)]
-        out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
+        outputs = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
         if excess is None:  # without a mask the outputs are log radiance
-            return out
+            return outputs
         # log1p(mask · radiance): a mask removes light, but a log radiance would rarely go below 0. The limits keep both
         # logarithm and exponential finite.
-        radiance = out[:, :3].clamp(max=60).expm1()
-        mask = out[:, 3:].sigmoid()
+        radiance = outputs[:, :3].clamp(max=60).expm1()
+        mask = outputs[:, 3:].sigmoid()
         return (radiance * mask).clamp_min(-0.5).log1p()
 
 
@@ -298,8 +298,8 @@ class ReliefObjective(Objective):
             self.relief = Surface(in_steps(height), renewable=settings.refine and records_graphs(fit.device))
             slices = partial(rectified, self.samples, height)  # takes the pairs
         self.surface_moved = False  # whether the marched surface differs from the first one
-        first = first_latents(self.samples, total(settings), settings.start, generator, slices)  # (H · W, channels)
-        self.grids = Grids(first, self.samples.shape, settings, offset=not has_height)
+        latents = first_latents(self.samples, total(settings), settings.start, generator, slices)  # (H · W, channels)
+        self.grids = Grids(latents, self.samples.shape, settings, offset=not has_height)
 
     def moves_height(self, progress: float) -> bool:
         """Whether a step moves the height."""

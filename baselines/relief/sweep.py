@@ -206,12 +206,12 @@ def _grid(layout: Layout) -> np.ndarray | None:
     spread_evenly = thin(layout.lights[lights], count=min(MOST_LIGHTS, len(lights)))
     lights = lights[spread_evenly]
     # The other views that have all these lights.
-    others = np.flatnonzero(measured[:, lights].all(1))
-    others = others[others != front]
-    if len(lights) < 2 or len(others) < 2:  # each half of the views needs one beside the most frontal
+    complete_views = np.flatnonzero(measured[:, lights].all(1))
+    other_views = complete_views[complete_views != front]
+    if len(lights) < 2 or len(other_views) < 2:  # each half of the views needs one beside the most frontal
         return None
-    spread_evenly = thin(layout.views[others], count=min(MOST_VIEWS - 1, len(others)))
-    views = np.concatenate([[front], others[spread_evenly]])
+    spread_evenly = thin(layout.views[other_views], count=min(MOST_VIEWS - 1, len(other_views)))
+    views = np.concatenate([[front], other_views[spread_evenly]])
     return pairs[views][:, lights]
 
 
