@@ -182,13 +182,13 @@ def tucker_factors(
     view, light = leading_basis(tensor, 1, ranks[1]), leading_basis(tensor, 2, ranks[2])
     texel = leading_basis(tensor[1:], 0, ranks[0])
     for _ in range(alternations):
-        reduced = torch.cat([tensor[:1], torch.einsum("kvlc,kK->Kvlc", tensor[1:], texel)])  # (K + 1, V, L, 3)
-        view = leading_basis(torch.einsum("kvlc,lm->kvmc", reduced, light), 1, ranks[1])
-        light = leading_basis(torch.einsum("kvlc,vj->kjlc", reduced, view), 2, ranks[2])
+        on_texel_basis = torch.cat([tensor[:1], torch.einsum("kvlc,kK->Kvlc", tensor[1:], texel)])  # (K + 1, V, L, 3)
+        view = leading_basis(torch.einsum("kvlc,lm->kvmc", on_texel_basis, light), 1, ranks[1])
+        light = leading_basis(torch.einsum("kvlc,vj->kjlc", on_texel_basis, view), 2, ranks[2])
         texel = leading_basis(torch.einsum("kvlc,vj,lm->kjmc", tensor[1:], view, light), 0, ranks[0])
     view, light, texel = _signed(view), _signed(light), _signed(texel)
-    reduced = torch.einsum("kvlc,vj,lm->kjmc", tensor, view, light)  # (k + 1, J, M, 3)
-    core = torch.cat([reduced[:1], torch.einsum("kjmc,kK->Kjmc", reduced[1:], texel)])
+    on_direction_bases = torch.einsum("kvlc,vj,lm->kjmc", tensor, view, light)  # (k + 1, J, M, 3)
+    core = torch.cat([on_direction_bases[:1], torch.einsum("kjmc,kK->Kjmc", on_direction_bases[1:], texel)])
     return texel, view, light, core
 
 
