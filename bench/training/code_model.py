@@ -86,9 +86,9 @@ class Canvas:
         channel = np.arange(channels)
         for step in range(levels + LAG * (channels - 1)):
             level = step - LAG * channel
-            some = channel[(level >= 0) & (level < levels)]
-            start = self.starts[step - LAG * some]
-            end = self.starts[step - LAG * some + 1]
+            active = channel[(level >= 0) & (level < levels)]  # the channels that have texels in this step
+            start = self.starts[step - LAG * active]
+            end = self.starts[step - LAG * active + 1]
             sizes = end - start
             total = int(sizes.sum())
             if total:
@@ -96,7 +96,7 @@ class Canvas:
                 # i − before of its own channel's stretch.
                 before = np.cumsum(sizes) - sizes  # texels of the channels before each
                 place = np.arange(total) + np.repeat(start - before, sizes)
-                yield self.order[place], np.repeat(some, sizes)
+                yield self.order[place], np.repeat(active, sizes)
 
     def fill(self, planes: Ints, plane: int, values: Ints) -> None:
         """Write the values (N,) of all texels to a plane, and what repeats them beyond the border."""
@@ -193,8 +193,8 @@ class CodeModel:
             weights = body[count:].tolist()
             readable = len(OWN) + len(AROUND) * min(channel, MOST_BACK)
             # A spread from 128 on would give an exponent over 15, which no error needs.
-            sound = count <= MOST_TERMS and len(body) == 2 * count and spread < 128 and shape < len(SHAPES)
-            if not sound or max(read, default=0) >= readable:
+            is_valid = count <= MOST_TERMS and len(body) == 2 * count and spread < 128 and shape < len(SHAPES)
+            if not is_valid or max(read, default=0) >= readable:
                 raise InputError(UNREADABLE)
             heads.append([middle, spread, constant, around, before, shape])
             terms.append(list(zip(read, weights, strict=True)))
@@ -276,16 +276,16 @@ class Curve(NamedTuple):
         np.maximum(place, -REACH, out=place)
         np.minimum(place, REACH - 1, out=place)
         place += self.middle
-        found = cumulative().take(place)
-        found *= self.room
-        found >>= 16
-        found += code
-        return found
+        below = cumulative().take(place)
+        below *= self.room
+        below >>= 16
+        below += code
+        return below
 
     def below(self, code: Ints) -> Ints:
         """The frequencies (n,) of all codes below these, 0 and the number of codes among them."""
-        found = np.where(code >= self.codes, TOTAL, self.inside(code))
-        return np.where(code <= 0, 0, found)
+        frequencies = np.where(code >= self.codes, TOTAL, self.inside(code))
+        return np.where(code <= 0, 0, frequencies)
 
 
 @functools.cache
@@ -297,16 +297,17 @@ def cumulative() -> Ints:
     times 2^17.
     """
     tables = []
-    square = np.arange(REACH, dtype=np.int64) ** 2  # of t, times FINE²
+    squares = np.arange(REACH, dtype=np.int64) ** 2  # of each t, times FINE²
     for freedom in SHAPES:
-        whole = freedom * FINE**2 + square
-        cosine = (freedom * FINE**2 << 24) // whole  # squared
-        term = total = np.full(REACH, 1 << 24)
+        whole = freedom * FINE**2 + squares
+        squared_cosine = (freedom * FINE**2 << 24) // whole
+        term = np.full(REACH, 1 << 24)
+        total = term
         for i in range(1, freedom // 2):
             # C(2 i, i) / 4^i is the one before times (2 i − 1) / (2 i).
-            term = (term * cosine >> 24) * (2 * i - 1) // (2 * i)
+            term = (term * squared_cosine >> 24) * (2 * i - 1) // (2 * i)
             total = total + term
-        sine = _root((square << 34) // whole)
+        sine = _square_roots((squares << 34) // whole)
         # Half of sine · total, from 2^17 · 2^24 to 2^16, the sum of frequencies. Rounding must not let it fall.
         upper = np.maximum.accumulate(TOTAL // 2 + (sine * total >> 26))
         # The lower half mirrors the upper one, without 0; its first entry stands twice, to make 2 REACH.
@@ -314,11 +315,11 @@ def cumulative() -> Ints:
     return np.concatenate(tables)
 
 
-def _root(values: Ints) -> Ints:
+def _square_roots(values: Ints) -> Ints:
     """The square roots (n,) of whole numbers below 2^36, rounded down: Newton's method from above, in integers."""
-    found = np.full_like(values, 1 << 18)
+    roots = np.full_like(values, 1 << 18)
     while True:
-        better = found + values // np.maximum(found, 1) >> 1
-        if (better >= found).all():
-            return found
-        found = np.minimum(found, better)
+        better = roots + values // np.maximum(roots, 1) >> 1
+        if (better >= roots).all():
+            return roots
+        roots = np.minimum(roots, better)

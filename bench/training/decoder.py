@@ -16,7 +16,7 @@ from bench.material import sample_texture, saturated
 
 Activation = Literal["relu", "leaky-relu", "smelu", "silu", "sine"]
 
-FREE = 1 << 22  # weights that any network may have, even if its file holds fewer numbers
+FREE_WEIGHTS = 1 << 22  # weights that any network may have, even if its file holds fewer numbers
 # The most weights of a network while a file is decoded: see `decoding`. None at other times.
 _most_weights: ContextVar[int | None] = ContextVar("_most_weights", default=None)
 LEAK = 0.01  # slope of the leaky ReLU below 0
@@ -56,14 +56,14 @@ class Architecture:
         """Operations of one sample: a fused multiply-add counts as two, an activation as one a channel, a layer norm as
         eight."""
         linear = sum(2 * inputs * outputs for inputs, outputs in pairwise(self.sizes))
-        added = 0  # of residual layers
+        additions = 0  # of residual layers
         if self.residual:
             for inputs, width in pairwise(self.sizes[:-1]):  # of each hidden layer
                 if inputs == width:
-                    added += width
+                    additions += width
         norm = 8 if self.norm else 0
         activation = 1
-        return linear + added + sum(self.widths) * (norm + activation)
+        return linear + additions + sum(self.widths) * (norm + activation)
 
 
 class Network(nn.Module):
@@ -89,8 +89,10 @@ class Decoder(Network):
         if most_weights is not None and architecture.parameters > most_weights:
             raise ValueError(f"it has a network of {architecture.parameters:,} weights, but fewer numbers")
         self.architecture = architecture
-        self.layers: Any = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(architecture.sizes))
-        self.norms: Any = nn.ModuleList(nn.LayerNorm(b) for b in architecture.widths) if architecture.norm else None
+        self.layers: Any = nn.ModuleList(nn.Linear(inputs, outputs) for inputs, outputs in pairwise(architecture.sizes))
+        self.norms: Any = None
+        if architecture.norm:
+            self.norms = nn.ModuleList(nn.LayerNorm(width) for width in architecture.widths)
         with torch.no_grad():
             for depth, layer in enumerate(self.layers):
                 _initialise(layer, architecture, depth, generator)
@@ -111,7 +113,7 @@ class Decoder(Network):
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Outputs (n, outputs) for inputs (n, inputs), in their dtype; intermediates have the dtype of the weights."""
-        x = inputs.to(next(self.parameters()).dtype)  # of the weights
+        x = inputs.to(next(self.parameters()).dtype)
         for depth, layer in enumerate(self.layers[:-1]):
             linear = saturated(layer(x)) if self.norms is None else self._normed(x, depth)
             hidden = self._activate(linear)
@@ -180,12 +182,12 @@ def _initialise(layer: Any, architecture: Architecture, depth: int, generator: t
 
 @contextmanager
 def decoding(numbers: int) -> Iterator[None]:
-    """Raise a `ValueError` for any `Decoder` with more weights than a file with so many numbers can hold.
+    """Raise a `ValueError` for any `Decoder` with more weights than a file of so many `numbers` can hold.
 
     Otherwise the settings in a file's header, which cost no bytes, could ask for any size.
     """
-    before = _most_weights.set(max(FREE, numbers))
+    token = _most_weights.set(max(FREE_WEIGHTS, numbers))
     try:
         yield
     finally:
-        _most_weights.reset(before)
+        _most_weights.reset(token)

@@ -13,7 +13,7 @@ from bench.metrics.display import LOG_SCALE
 SHOWN_FROM = 0.5  # share of the steps after which the display counts
 LOG_SHARE = 0.1  # of the loss `both`, which goes on beside it: highlights that the display clips still count
 WEIGHT = 0.3  # of the displayed error over its slice's, which is 1 on average
-KEPT = 0.99  # of a running sum, each step
+DECAY = 0.99  # of the running sums, each step
 LEAST_ERROR = 1e-5  # of a slice; smaller ones, over 50 dB, count no more
 HIGHEST = 20.0  # log radiance: above, the display clips by far, and an exponential could be infinite
 
@@ -41,8 +41,8 @@ class DisplayLoss(nn.Module):
         """
         error = (displayed(ours) - displayed(target)).square().mean(1)
         with torch.no_grad():
-            self.error.mul_(KEPT).index_add_(0, direction, error)
-            self.count.mul_(KEPT).index_add_(0, direction, torch.ones_like(error))
+            self.error.mul_(DECAY).index_add_(0, direction, error)
+            self.count.mul_(DECAY).index_add_(0, direction, torch.ones_like(error))
             mean = self.error.sum() / self.count.sum()
             # As if each direction had one more sample, with the mean error: one with few samples so far counts as that.
             of_slice = (self.error[direction] + mean) / (self.count[direction] + 1)

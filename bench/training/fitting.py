@@ -153,14 +153,14 @@ class Objective(nn.Module):
 
     def priced(self, loss: Tensor) -> Tensor:
         """A loss with the price of the bits of the textures, once these are rounded: log loss + `RATE` · log bits."""
-        spent: list[Tensor] = []
+        bits: list[Tensor] = []  # of each texture, a number
         for module in self.modules():
-            if isinstance(module, Rounding) and module.spent is not None:
-                spent.append(module.spent)
-                module.spent = None  # of this step alone
-        if not spent or getattr(self.settings, "recipe", "") == "paper":  # nobody published such a price
+            if isinstance(module, Rounding) and module.spent_bits is not None:
+                bits.append(module.spent_bits)
+                module.spent_bits = None  # of this step alone
+        if not bits or getattr(self.settings, "recipe", "") == "paper":  # nobody published such a price
             return loss
-        return loss + RATE * loss.detach() * torch.stack(spent).sum().clamp_min(1).log()
+        return loss + RATE * loss.detach() * torch.stack(bits).sum().clamp_min(1).log()
 
     def faults(self) -> list[str]:
         """What is wrong with a fit whose loss is finite, in words; by default nothing is looked for."""
@@ -235,14 +235,18 @@ def better_start(make: Callable[[Fit], Objective], fit: Fit, steps: int) -> Fit:
     It is for codecs with an offset, which may find depths that are a period of the surface off, and then stays there.
     `make` gives the objective of a fit.
     """
-    found = []
+    best = fit
+    best_psnr = -math.inf
     for seed in (fit.seed, fit.seed ^ OTHER_SEED):
         start = replace(fit, seed=seed)
         loop = _Loop(make(start).to(fit.device), replace(start, checkpoint=None, history=[]), steps)
         loop.advance(max(1, min(START_STEPS, steps // 4)))
         # Without a point it diverged, or a fit above 6,250 steps has none yet: then its own seed goes on.
-        found.append((loop.curve[-1][2] if loop.curve else -math.inf, start))
-    return max(found, key=lambda each: each[0])[1]
+        if loop.curve:
+            _, _, psnr = loop.curve[-1]
+            if psnr > best_psnr:
+                best, best_psnr = start, psnr
+    return best
 
 
 class _Loop:
@@ -375,7 +379,7 @@ class _Loop:
                 self._show()
         # A parameter that is not finite stays so, so an occasional check misses nothing.
         bounded = all((parameter.abs() < FARTHEST).all() for parameter in self.parameters)
-        if not (bounded and total.isfinite() and self._measured()):  # only a fit that may be good is measured
+        if not (bounded and total.isfinite() and self._measure()):  # only a fit that may be good is measured
             self._rescue()
             return
         self._show()
@@ -399,10 +403,11 @@ class _Loop:
         log.warning("the fit diverged near step %d: back to step %d with half the learning rate", failed, self.step)
 
     @torch.no_grad()
-    def _measured(self) -> bool:
+    def _measure(self) -> bool:
         """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end.
 
-        False if it diverged: dead rectifiers or arbitrary sine outputs can do so while every number is finite.
+        Returns False if the fit diverged, else True: dead rectifiers or arbitrary sine outputs can diverge while every
+        number is finite.
         """
         last = 0  # step of the last point
         if self.curve:

@@ -92,14 +92,14 @@ class GriddedMaterial(Material):
         """Count the cost of an answer, of which the codec's own network takes `flops`, and keep the parts."""
         channels = [grid.shape[2] for name, grid in grids.items() if FACTORS.get(name, 1) == 1]  # of full resolution
         numbers_read = sum(4 * grid.shape[2] for grid in grids.values())  # four texels around a place, of each grid
-        mixed = 2 * numbers_read  # each is multiplied and added
+        interpolation_flops = 2 * numbers_read  # each is multiplied and added
         offset_flops = network.offset.flops if network.offset is not None else 0
         latents = grids["latents"]
         cost = DecoderCost(
             parameters=sum(parameter.numel() for parameter in network.parameters()),
             texture_channels=sum(channels),
             texture_floats=sum(grid.numel() for grid in grids.values()),
-            flops_per_sample=flops + offset_flops + mixed,
+            flops_per_sample=flops + offset_flops + interpolation_flops,
             bytes_per_sample=numbers_read * latents.element_size(),
         )
         super().__init__((latents.shape[0], latents.shape[1]), cost)

@@ -86,19 +86,19 @@ def groups_of(
 
 def hidden_matrices(network: nn.Module) -> list[nn.Parameter]:
     """The matrices between hidden channels that the modules of a network name by a method `hidden_matrices`."""
-    found: list[nn.Parameter] = []
+    matrices: list[nn.Parameter] = []
     for module in network.modules():
         if hasattr(module, "hidden_matrices"):
-            found += module.hidden_matrices()  # type: ignore[operator]
-    return found
+            matrices += module.hidden_matrices()  # type: ignore[operator]
+    return matrices
 
 
 def _parameters(groups: Iterable[ParameterGroup]) -> list[nn.Parameter]:
     """The parameters of some groups, one after the other."""
-    found: list[nn.Parameter] = []
+    parameters: list[nn.Parameter] = []
     for group in groups:
-        found += group["params"]
-    return found
+        parameters += group["params"]
+    return parameters
 
 
 class Optimisers:

@@ -42,40 +42,40 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
     """The bytes of codes (N, C) of pictures of some sizes, one after the other; those of each channel are below 2^bits
     (C,). They are the model, the last states of the coders, and the words that the coders handed on."""
     canvas = Canvas.of(sizes)
-    model = fitted(codes, bits, canvas)
-    taken: Ranges = []
+    model = _fit_model(codes, bits, canvas)
+    ranges: Ranges = []
 
     def note_ranges(texel: Ints, channel: Ints, curve: Curve) -> Ints:
-        """The codes of a step, which are known; `taken` notes the range of frequencies of each for the coders."""
+        """The codes of a step, which are known; `ranges` takes the range of frequencies of each for the coders."""
         code = codes[texel, channel].astype(np.int64)
         below = curve.below(code)
         share = curve.below(code + 1) - below
-        taken.append((below.astype(np.int32), share.astype(np.int32)))
+        ranges.append((below.astype(np.int32), share.astype(np.int32)))
         return code
 
     _walk(model, canvas, note_ranges)
-    state, words = _coded(taken, _lanes(codes.size))
+    state, words = _encode_ranges(ranges, _lanes(codes.size))
     return model.to_bytes() + state.astype("<u4").tobytes() + words.astype("<u2").tobytes()
 
 
-def _coded(taken: Ranges, lanes: int) -> tuple[Ints, Ints]:
+def _encode_ranges(ranges: Ranges, lanes: int) -> tuple[Ints, Ints]:
     """The last states (lanes,) of so many coders that took the symbols of all steps, and the words that they handed on,
     in the order in which the decoder needs them."""
     state = np.full(lanes, TOTAL)
     words: list[Ints] = []
     rounds: Ranges = []
-    for below, share in taken:
+    for below, share in ranges:
         for part in _rounds(len(below), lanes):
             rounds.append((below[part], share[part]))
     # The last symbol first, because a state gives back first what it took last. A state takes a symbol by growing by
     # 2^16 / share, and its low 16 bits then lie in the symbol's range of frequencies, which tells the decoder.
-    for below, share in reversed(rounds):
-        used = state[: len(below)]
-        share = share.astype(np.int64)
-        full = used >= share << 16  # these would grow beyond 32 bits, and first hand on their low 16
-        words.append(used[full] & (TOTAL - 1))
-        used = np.where(full, used >> 16, used)
-        state[: len(below)] = (used // share << 16) + used % share + below
+    for below, short_share in reversed(rounds):
+        share = short_share.astype(np.int64)  # because the shifts overflow 32 bits
+        before = state[: len(below)]
+        is_full = before >= share << 16  # these would grow beyond 32 bits, and first hand on their low 16
+        words.append(before[is_full] & (TOTAL - 1))
+        lowered = np.where(is_full, before >> 16, before)
+        state[: len(below)] = (lowered // share << 16) + lowered % share + below
     # The decoder takes symbols in the opposite order, and so needs the last words first.
     return state, np.concatenate(words[::-1])
 
@@ -147,13 +147,13 @@ class _Reader:
     def __init__(self, model: CodeModel, data: bytes, lanes: int):
         """Split the data into the states of so many coders and the words. `InputError` if they are too short."""
         self.model = model
-        self.taken = 0  # words read so far
+        self.words_read = 0
         if len(data) < 4 * lanes or len(data) % 2:
             raise InputError(f"a texture of this file has {len(data)} bytes for {lanes} coders: encode it again")
         self.state = np.frombuffer(data, "<u4", lanes).astype(np.int64)
         self.words = np.frombuffer(data, "<u2", offset=4 * lanes).astype(np.int64)
-        self.least = int(model.bits.min())
-        self.most = int(model.bits.max())
+        self.least_bits = int(model.bits.min())
+        self.most_bits = int(model.bits.max())
 
     def codes(self, curve: Curve) -> Ints:
         """The next code (n,) of as many coders: that whose share of the frequencies holds the state's low bits."""
@@ -162,61 +162,60 @@ class _Reader:
         code = np.zeros_like(slot)
         # The largest code whose share begins at the slot or below it, bit by bit from the highest. No code tried here
         # is 0, and those above the last are left out, so the faster `inside` does for `below`.
-        for bit in reversed(range(self.most)):
+        for bit in reversed(range(self.most_bits)):
             tried = code + (1 << bit)
-            up = curve.inside(tried) <= slot
-            if bit >= self.least:  # a channel of fewer bits has no such code
-                up &= tried < curve.codes
-            code += up * (1 << bit)
+            is_reached = curve.inside(tried) <= slot
+            if bit >= self.least_bits:  # a channel of fewer bits has no such code
+                is_reached &= tried < curve.codes
+            code += is_reached * (1 << bit)
         below, above = curve.below(code), curve.below(code + 1)
-        # Undoes the step of `encode`, which made of a state s: TOTAL · (s // share) + s % share + below.
+        # Undoes the step of `_encode_ranges`, which made of a state s: TOTAL · (s // share) + s % share + below.
         state = (above - below) * (state >> 16) + slot - below
-        empty = state < TOTAL  # those that handed on 16 bits
-        end = self.taken + int(empty.sum())
+        has_handed_on = state < TOTAL  # 16 bits, which are a word
+        end = self.words_read + int(has_handed_on.sum())
         if end > len(self.words):
             raise InputError("a texture of this file ends before its codes: encode it again")
-        state[empty] = (state[empty] << 16) | self.words[self.taken : end]
-        self.taken = end
+        state[has_handed_on] = (state[has_handed_on] << 16) | self.words[self.words_read : end]
+        self.words_read = end
         self.state[: len(state)] = state
         return code
 
     def close(self) -> None:
         """Raise `InputError` unless every word is read and every state is as an encoder begins."""
-        if self.taken != len(self.words) or (self.state != TOTAL).any():
+        if self.words_read != len(self.words) or (self.state != TOTAL).any():
             raise InputError("a texture of this file holds other codes than were stored: encode it again")
 
 
-def fitted(codes: Codes, bits: Ints, canvas: Canvas) -> CodeModel:
+def _fit_model(codes: Codes, bits: Ints, canvas: Canvas) -> CodeModel:
     """The model of codes (N, C): of each channel the terms, then the spread of what remains, then the mixture."""
     count, channels = codes.shape
     middle = codes.mean(0).round().astype(np.int64)
-    first = np.tile(np.array(FIRST, np.int64), (channels, 1))
-    model = CodeModel(bits, middle, spread=np.zeros_like(bits), mixture=first, terms=[])
+    mixture = np.tile(np.array(FIRST, np.int64), (channels, 1))
+    model = CodeModel(bits, middle, spread=np.zeros_like(bits), mixture=mixture, terms=[])
     values = np.zeros(channels * canvas.plane, np.int32)
     for channel in range(channels):
         canvas.fill(values, channel, model.value(channel, codes[:, channel].astype(np.int64)))
     # Texels that choose: about `FITTED`, evenly. The step is rounded up, and made odd by its lowest bit, because an
     # even one could share factors with the width, and all would lie in a few columns.
     every = math.ceil(count / FITTED) | 1
-    some = np.arange(0, count, every)
+    choosing = np.arange(0, count, every)
     activity = np.full((1 + channels) * canvas.plane, USUAL, np.uint8)
     for channel in range(channels):
         cell = canvas.cells + channel * canvas.plane
         step = float(1 << (8 - bits[channel]))
-        model.terms.append(_terms(values, cell[some], channel, count, step, canvas))
+        model.terms.append(_terms(values, cell[choosing], channel, count, step, canvas))
         weighted = np.zeros_like(cell)
         for term, weight in model.terms[-1]:
             weighted = weighted + values[cell + canvas.offset(term)] * weight
         guess = model.guess(weighted)
-        error = (ONE * values[cell] - guess)[some].astype(np.float64)
+        error = (ONE * values[cell] - guess)[choosing].astype(np.float64)
         model.spread[channel] = _spread(error)
         # A channel's activity is in the plane after that of its values, so `cell` is the channel before.
         before = activity[cell].astype(np.int64)
-        now = model.activity(channel, values[cell], guess, before)
-        canvas.fill(activity, channel + 1, now)
+        canvas.fill(activity, channel + 1, model.activity(channel, values[cell], guess, before))
         around = canvas.around(activity, cell + canvas.plane)
-        seen = codes[some, channel].astype(np.int64), guess[some], around[some], before[some]
-        model.mixture[channel] = _mixture(model, channel, *seen)
+        code = codes[choosing, channel].astype(np.int64)
+        model.mixture[channel] = _mixture(model, channel, code, guess[choosing], around[choosing], before[choosing])
     return model
 
 
@@ -240,39 +239,39 @@ def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canv
     candidates = np.arange(len(OWN) + len(AROUND) * min(channel, TRIED_BACK))
     offsets = np.array([canvas.offset(int(term)) for term in candidates])  # from a place to its neighbour's
     near = values[cell[:, None] + offsets].astype(np.float64)  # (n, candidates)
-    wanted = values[cell].astype(np.float64)  # (n,)
+    target = values[cell].astype(np.float64)  # (n,)
     # The normal equations of least squares, and the squared error that is left.
-    inner = near.T @ near  # (candidates, candidates)
-    outer = near.T @ wanted  # (candidates,)
-    left = float(wanted @ wanted)
-    inner += np.diag(NUDGE * (inner.diagonal() + len(cell)))
+    gram = near.T @ near  # (candidates, candidates)
+    right_side = near.T @ target  # (candidates,)
+    error_left = float(target @ target)
+    gram += np.diag(NUDGE * (gram.diagonal() + len(cell)))
     floor = len(cell) * step**2 / 12  # the squared error of codes alone: below it, better guesses save nothing
     chosen: list[int] = []
     weights = np.zeros(0)
     while len(chosen) < MOST_TERMS:
         if chosen:
-            # Of each candidate and of what is wanted only that counts which the chosen terms do not explain.
-            by_chosen = inner[chosen]  # (chosen, candidates)
+            # Of each candidate and of the target only that counts which the chosen terms do not explain.
+            by_chosen = gram[chosen]  # (chosen, candidates)
             solved = np.linalg.solve(by_chosen[:, chosen], by_chosen)  # each candidate as a sum of the chosen terms
-            new_part = inner.diagonal() - (by_chosen * solved).sum(0)  # (candidates,), squared
-            new_outer = outer - solved.T @ outer[chosen]
+            new_part = gram.diagonal() - (by_chosen * solved).sum(0)  # (candidates,), squared
+            new_right_side = right_side - solved.T @ right_side[chosen]
         else:
-            new_part = inner.diagonal()
-            new_outer = outer
+            new_part = gram.diagonal()
+            new_right_side = right_side
         # By how much each candidate would lower the squared error.
-        gain = np.square(new_outer) / np.maximum(new_part, 1e-3 * len(cell))
+        gain = np.square(new_right_side) / np.maximum(new_part, 1e-3 * len(cell))
         gain[chosen] = 0
         best = int(gain.argmax())
         # A code takes log2 of its deviation in bits and a constant, so half of log2 of the ratio of squared errors.
-        saved = count / 2 * np.log2((left + floor) / (max(left - gain[best], 0) + floor))
+        saved = count / 2 * np.log2((error_left + floor) / (max(error_left - gain[best], 0) + floor))
         if saved < COST:
             break
         chosen.append(best)
-        weights = np.linalg.solve(inner[np.ix_(chosen, chosen)], outer[chosen])
-        left = max(float(wanted @ wanted - weights @ outer[chosen]), 0.0)
-    rounded = np.clip(np.rint(ONE * weights), -128, 127).astype(int)
-    weighted = zip(chosen, rounded.tolist(), strict=True)
-    return [(term, weight) for term, weight in weighted if weight]
+        weights = np.linalg.solve(gram[np.ix_(chosen, chosen)], right_side[chosen])
+        error_left = max(float(target @ target - weights @ right_side[chosen]), 0.0)
+    whole_weights = np.clip(np.rint(ONE * weights), -128, 127).astype(int)
+    terms = zip(chosen, whole_weights.tolist(), strict=True)
+    return [(term, weight) for term, weight in terms if weight]
 
 
 def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: Ints, before: Ints) -> Ints:

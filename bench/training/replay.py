@@ -73,11 +73,11 @@ class Drawing(TorchFunctionMode):
     def __init__(self, generator: torch.Generator, known: list[Draw] | None = None):
         super().__init__()
         self.generator = generator
-        self.known = known is not None
+        self.notes = known is None  # whether draws are noted, as they are at the first step of a kind
         self.draws = known or []
         self.count = 0  # of draws so far
         self.changed = False  # whether a step changes numbers on the host, which a replay cannot do again
-        self.on_host = False  # whether the host makes what it will give the step
+        self.is_making = False  # whether the host makes what it will give the step
 
     def __enter__(self) -> "Drawing":
         super().__enter__()  # type: ignore[no-untyped-call]
@@ -90,19 +90,19 @@ class Drawing(TorchFunctionMode):
 
     def next(self, make: Callable[[float], FromHost], progress: float) -> Draw:
         """The next draw: a known one, or a new one."""
-        if not self.known:
+        if self.notes:
             self.draws.append(Draw(make, make(progress)))
         self.count += 1
         return self.draws[self.count - 1]
 
     def planned(self, make: Callable[[float], FromHost], progress: float, device: torch.device) -> FromHost:
         """What `on_host` gives."""
-        self.on_host = True
+        self.is_making = True
         draw = self.next(make, progress)
-        self.on_host = False
+        self.is_making = False
         draw.decides = True
-        if not self.known:
-            draw.buffers = _on(device, draw.first.tensors)
+        if self.notes:
+            draw.buffers = _on_device(draw.first.tensors, device)
         return FromHost(draw.buffers, draw.first.plan)
 
     def _draw_of(self, value: object) -> Draw | None:
@@ -119,7 +119,7 @@ class Drawing(TorchFunctionMode):
         they are its first argument; of others nothing reaches the device, so that `Steps` refuses the phase.
         """
         kwargs = kwargs or {}
-        if self.on_host:  # what the host makes is noted as a whole
+        if self.is_making:  # what the host makes is noted as a whole
             return func(*args, **kwargs)
         if kwargs.get("generator") is self.generator:
             return self.next(lambda progress: FromHost([func(*args, **kwargs)]), 0.0).first.tensors[0]
@@ -154,10 +154,10 @@ def on_host(make: Callable[[float], FromHost], progress: float, device: torch.de
     if _drawings:
         return _drawings[-1].planned(make, progress, device)
     given = make(progress)
-    return FromHost(_on(device, given.tensors), given.plan)
+    return FromHost(_on_device(given.tensors, device), given.plan)
 
 
-def _on(device: torch.device, tensors: list[Tensor]) -> list[Tensor]:
+def _on_device(tensors: list[Tensor], device: torch.device) -> list[Tensor]:
     """The tensors on a device; the host does not wait for the copies."""
     return [tensor.to(device, non_blocking=True) for tensor in tensors]
 
@@ -193,22 +193,22 @@ class Steps:
         if phase is None or phase in self.refused:
             return self.step(progress)
         before = self.generator.get_state()
-        decisions, numbers = self._drawn(phase, progress)
+        decisions, numbers = self._draw(phase, progress)
         program = self.programs.get((phase, decisions))
         if program is None:
             self.generator.set_state(before)
-            return self._first(phase, progress)
+            return self._first_step(phase, progress)
         for draw, given in zip(program.draws, numbers, strict=True):
             for buffer, values in zip(draw.buffers, given.tensors, strict=False):  # what only the host reads has none
                 buffer.copy_(values, non_blocking=True)
-        if program.replay is None and not self._recorded(program, phase, progress):
+        if program.replay is None and not self._record(program, phase, progress):
             with Drawing(self.generator, program.draws):
                 return self.step(progress)
         assert program.replay is not None
         program.replay()
         return program.loss
 
-    def _drawn(self, phase: Hashable, progress: float) -> tuple[Decisions, list[FromHost]]:
+    def _draw(self, phase: Hashable, progress: float) -> tuple[Decisions, list[FromHost]]:
         """The decisions and all that the host gives a step, as far as earlier steps tell how it is made."""
         numbers: list[FromHost] = []
         decisions: Decisions = ()
@@ -218,12 +218,14 @@ class Steps:
                 decisions += (draw.decision(numbers[-1]),)
         return decisions, numbers
 
-    def _first(self, phase: Hashable, progress: float) -> Tensor:
+    def _first_step(self, phase: Hashable, progress: float) -> Tensor:
         """A step of a kind that was not taken before, kernel by kernel, which notes its draws."""
         with Drawing(self.generator) as drawing:
             loss = self.step(progress)
-        drawn = [draw for draw in drawing.draws if draw.first.plan is None]
-        if drawing.changed or any(bool(draw.buffers) == draw.decides for draw in drawn):
+        # A replay gives drawn numbers back to the device, or to the host that reads them: each must go to one of both.
+        random_draws = [draw for draw in drawing.draws if draw.first.plan is None]
+        goes_to_one = all(bool(draw.buffers) != draw.decides for draw in random_draws)
+        if drawing.changed or not goes_to_one:
             log.info("steps are not replayed as a graph: the host changes random numbers")
             self.refused.add(phase)
             return loss
@@ -235,8 +237,8 @@ class Steps:
         self.programs[phase, decisions] = Program(drawing.draws, loss)
         return loss
 
-    def _recorded(self, program: Program, phase: Hashable, progress: float) -> bool:
-        """Record a step with the numbers that are in its memory, without taking it. Whether that could be done.
+    def _record(self, program: Program, phase: Hashable, progress: float) -> bool:
+        """Record a step with the numbers that are in its memory, without taking it; returns whether that could be done.
 
         Beyond `MOST_GRAPHS` nothing is recorded. A phase whose step cannot be recorded is refused from now on.
         """

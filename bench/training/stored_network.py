@@ -38,10 +38,10 @@ def load_vector(vector: Tensor, *networks: nn.Module) -> None:
 
 def _all_parameters(networks: Iterable[nn.Module]) -> list[Tensor]:
     """The parameters of some networks, one after the other."""
-    found: list[Tensor] = []
+    parameters: list[Tensor] = []
     for network in networks:
-        found += network.parameters()
-    return found
+        parameters += network.parameters()
+    return parameters
 
 
 Stored = TypeVar("Stored", bound=nn.Module)
@@ -99,19 +99,20 @@ def choose_steps(networks: Iterable[nn.Module], answers: Callable[[], Tensor], t
     networks = list(networks)
     exact = answers()
     bearable = BEARABLE * (exact - target).square().mean()
-    of_networks = [_matrices_and_others(network)[0] for network in networks]
-    count = sum(matrix.numel() for matrices in of_networks for matrix in matrices)
-    for network, matrices in zip(networks, of_networks, strict=True):
-        chosen = getattr(network, STEPS)
+    matrices_of_networks = [_matrices_and_others(network)[0] for network in networks]
+    count = sum(matrix.numel() for matrices in matrices_of_networks for matrix in matrices)
+    for network, matrices in zip(networks, matrices_of_networks, strict=True):
+        steps = getattr(network, STEPS)
         for place, matrix in enumerate(matrices):
-            kept = matrix.clone()
-            probed = _least_step(matrix) * PROBED
-            matrix.copy_(_codes(matrix, probed) * probed)
+            exact_matrix = matrix.clone()
+            least = _least_step(matrix)
+            probed_step = least * PROBED
+            matrix.copy_(_codes(matrix, probed_step) * probed_step)
             error = (answers() - exact).square().mean()
-            matrix.copy_(kept)
+            matrix.copy_(exact_matrix)
             share = bearable * matrix.numel() / count
-            step = probed * (share / error.clamp_min(1e-30)).sqrt()
-            chosen[place] = step.clamp(_least_step(matrix), _least_step(matrix) * MOST)
+            step = probed_step * (share / error.clamp_min(1e-30)).sqrt()
+            steps[place] = step.clamp(least, least * MOST)
 
 
 @contextmanager
@@ -135,7 +136,7 @@ def rounded_weights(networks: Iterable[nn.Module]) -> Iterator[None]:
 
 
 def _matrices_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]]:
-    """The parameters that are matrices, and the others."""
+    """The parameters of a network that are matrices, and the others."""
     parameters = list(network.parameters())
     matrices: list[Tensor] = [p for p in parameters if p.ndim == 2]
     others: list[Tensor] = [p for p in parameters if p.ndim != 2]
@@ -174,9 +175,9 @@ def _joined(tensors: list[Tensor]) -> Tensor:
 def _copy_into(tensors: list[Tensor], vector: Tensor) -> None:
     """Copy a vector into some tensors, one after the other. Raises `ValueError` if the count differs."""
     counts = [each.numel() for each in tensors]
-    wanted = sum(counts)
-    if vector.shape != (wanted,):
-        raise ValueError(f"the networks have {wanted} parameters, but the file has {tuple(vector.shape)}")
+    total = sum(counts)
+    if vector.shape != (total,):
+        raise ValueError(f"the networks have {total} parameters, but the file has {tuple(vector.shape)}")
     with torch.no_grad():
         for each, values in zip(tensors, vector.split(counts), strict=True):
             each.copy_(values.reshape(each.shape))

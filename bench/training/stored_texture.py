@@ -41,19 +41,19 @@ class Rounding(nn.Module):
         those of the pictures that a texture (N, C) holds; one (H, W, C) is a picture."""
         super().__init__()
         self.sizes = sizes
-        self.wanted = bits  # on average over the texture's numbers
+        self.mean_bits = bits  # on average over the texture's numbers; 0: left to the fit
         self.least = least  # of each channel
         self.low = nn.Buffer(torch.zeros(channels))  # the lowest value (C,) of each channel
         self.step = nn.Buffer(torch.zeros(channels))  # from one code to the next (C,)
         self.bits = nn.Buffer(torch.zeros(channels, dtype=torch.long))  # (C,), all 0: not chosen
         self.chosen = False  # whether there are bits: kept on the host, which else would wait for a GPU at each step
         self.trial: Callable[[Tensor], Tensor] | None = None  # the rounding that is tried while bits are chosen
-        self.spent: Tensor | None = None  # about the bits, a number, that the texture of the last step takes in a file
+        self.spent_bits: Tensor | None = None  # of the last step's texture in a file, estimated: a scalar
 
     @property
     def undecided(self) -> bool:
         """Whether bits must still be chosen."""
-        return self.wanted <= MOST_BITS and self.bits.numel() > 0 and not self.chosen
+        return self.mean_bits <= MOST_BITS and self.bits.numel() > 0 and not self.chosen
 
     def forward(self, values: Tensor) -> Tensor:
         """Values (…, C) as the file holds them once bits are chosen; until then unchanged, or as a trial makes them."""
@@ -62,7 +62,7 @@ class Rounding(nn.Module):
         if not self.chosen:
             return values
         if torch.is_grad_enabled():
-            self.spent = self._estimated_bits(values)
+            self.spent_bits = self._estimated_bits(values)
         return rounded(values, self.low, self.step, self.bits)
 
     def _estimated_bits(self, values: Tensor) -> Tensor | None:
@@ -112,29 +112,29 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
     roundings = [rounding for rounding in roundings if rounding.undecided]
     if not roundings:
         return
-    wanted, least = roundings[0].wanted, roundings[0].least
+    mean_bits, least = roundings[0].mean_bits, roundings[0].least
     # Look everything up once without any rounding, and note the texture (…, C) of each.
     texture_of: dict[Rounding, Tensor] = {}
     for rounding in roundings:
-        rounding.trial = partial(_noted, texture_of, rounding)
+        rounding.trial = partial(_note, texture_of, rounding)
     exact = answers()
     for rounding in roundings:
         rounding.trial = None
-    noise: list[Tensor] = []  # of each texture, the error (C, n) of each channel with each number of bits
+    errors: list[Tensor] = []  # of each texture, the error (C, n) of each channel with each number of bits
     sizes: list[int] = []  # numbers of each channel of all textures
     for rounding, values in texture_of.items():
-        noise.append(_added_errors(rounding, values, answers, exact, least))
+        errors.append(_added_errors(rounding, values, answers, exact, least))
         sizes += [math.prod(values.shape[:-1])] * values.shape[-1]
-    if wanted:  # so many on average, else as many as it takes to keep the error bearable
+    if mean_bits:  # so many on average, else as many as it takes to keep the error bearable
         bearable = 0.0
-        total = wanted * sum(sizes)
+        total = mean_bits * sum(sizes)
     else:
         bearable = BEARABLE * float((exact - target).square().mean())
         total = MOST_BITS * sum(sizes)
-    bits = shared_out(torch.cat(noise).cpu(), torch.tensor(sizes), total, bearable, least)
-    of_textures = bits.split([len(errors) for errors in noise])
-    for (rounding, values), chosen in zip(texture_of.items(), of_textures, strict=True):
-        rounding.set(values, chosen)
+    bits = shared_out(torch.cat(errors).cpu(), torch.tensor(sizes), total, bearable, least)
+    bits_of_textures = bits.split([len(of_texture) for of_texture in errors])
+    for (rounding, values), bits_of_texture in zip(texture_of.items(), bits_of_textures, strict=True):
+        rounding.set(values, bits_of_texture)
 
 
 def _added_errors(
@@ -146,8 +146,8 @@ def _added_errors(
     to grow with the square of the change of the texture.
     """
     # Where a channel may become its mean, this is tried: a channel of two values would lose nothing by 4 bits.
-    probed = PROBED if least else 0
-    change = _change(values, probed)
+    probed_bits = PROBED if least else 0
+    change = _change(values, probed_bits)
     changes_of_answers: list[Tensor] = []  # mean squared, of each channel
     for channel in range(values.shape[-1]):
         alone = torch.zeros_like(values)
@@ -155,13 +155,13 @@ def _added_errors(
         rounding.trial = partial(torch.add, alone)
         changes_of_answers.append((answers() - exact).square().mean())
     rounding.trial = None
-    flat = values.flatten(0, -2)
-    every = math.ceil(len(flat) / MEASURED)  # rounded up, so that at most `MEASURED` texels are left, evenly spread
-    some = flat[::every]
+    texels = values.flatten(0, -2)  # (N, C)
+    every = math.ceil(len(texels) / MEASURED)  # rounded up, so that at most `MEASURED` texels are left, evenly spread
+    some = texels[::every]
     # (C, n): the mean squared change of each channel with each number of bits.
-    spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)
-    of_probed = spread[:, probed - least].clamp_min(1e-30)
-    return spread * (torch.stack(changes_of_answers) / of_probed)[:, None]
+    changes = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)
+    probed_change = changes[:, probed_bits - least].clamp_min(1e-30)
+    return changes * (torch.stack(changes_of_answers) / probed_change)[:, None]
 
 
 def round_after(
@@ -176,7 +176,7 @@ def round_after(
     return rounding
 
 
-def _noted(texture_of: dict[Rounding, Tensor], rounding: Rounding, values: Tensor) -> Tensor:
+def _note(texture_of: dict[Rounding, Tensor], rounding: Rounding, values: Tensor) -> Tensor:
     """Note the values that a rounding is called with, and return them unchanged."""
     texture_of[rounding] = values.detach()
     return values
@@ -184,8 +184,9 @@ def _noted(texture_of: dict[Rounding, Tensor], rounding: Rounding, values: Tenso
 
 def _change(values: Tensor, bits: int) -> Tensor:
     """The change of values (…, C) when each channel is rounded to some bits."""
-    counts = torch.full((values.shape[-1],), bits, device=values.device)
-    return rounded(values, *steps_for(values, counts), counts) - values
+    bits_of_channels = torch.full((values.shape[-1],), bits, device=values.device)
+    low, step = steps_for(values, bits_of_channels)
+    return rounded(values, low, step, bits_of_channels) - values
 
 
 def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
@@ -211,16 +212,16 @@ def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
     return torch.where(bits == 0, values.mean(0), best_low), best_step
 
 
-def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least: int = 1) -> Tensor:
-    """The bits (C,) of each channel, `least` to `MOST_BITS`, from the errors (C, n) that each of these adds.
+def shared_out(errors: Tensor, sizes: Tensor, total: int, bearable: float, least: int = 1) -> Tensor:
+    """The bits (C,) of each channel, `least` to `MOST_BITS`, from the `errors` (C, n) that each of these adds.
 
     Each bit goes to the channel that adds most error for each of its `sizes` (C,) numbers, until all together add a
     bearable error, or `total` bits are spent.
     """
-    bits = torch.full((len(noise),), least)
+    bits = torch.full((len(errors),), least)
     while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):
-        column = bits - least  # (C,): column i of `noise` is of `least` + i bits
-        added = noise.gather(1, column[:, None])[:, 0]  # (C,): what each channel adds with its bits so far
+        column = bits - least  # (C,): column i of `errors` is of `least` + i bits
+        added = errors.gather(1, column[:, None])[:, 0]  # (C,): what each channel adds with its bits so far
         if added.sum() <= bearable:
             break
         worth = torch.where(bits < MOST_BITS, added / sizes, -torch.inf)
@@ -256,8 +257,8 @@ def rounded(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
 @torch.no_grad()
 def store_texture(name: str, values: Tensor, rounding: Rounding, sizes: Sizes = None) -> dict[str, Tensor]:
     """A texture (…, C) as named tensors: codes, steps and size, or floats. `load_texture` needs the same sizes."""
-    if rounding.wanted > MOST_BITS or not values.numel():
-        return pack(name, values, "float32" if rounding.wanted == 32 else "half")
+    if rounding.mean_bits > MOST_BITS or not values.numel():
+        return pack(name, values, "float32" if rounding.mean_bits == 32 else "half")
     return {
         name: compress(rounding.codes(values), rounding.bits.tolist(), sizes),
         f"{name}.low": rounding.low,
@@ -272,8 +273,8 @@ def store_table(name: str, table: Tensor, rounding: Rounding, axis: int) -> dict
 
     The rounding has the channels of `axis`, 2 or 3; those along the other axis share their bits and steps.
     """
-    if rounding.wanted > MOST_BITS or not table.numel():
-        return pack(name, table, "float32" if rounding.wanted == 32 else "half")
+    if rounding.mean_bits > MOST_BITS or not table.numel():
+        return pack(name, table, "float32" if rounding.mean_bits == 32 else "half")
     codes = rounding.codes(table.movedim(axis, 3)).movedim(3, axis)  # (H, W, A, B)
     bits = rounding.bits.expand(table.shape[5 - axis], -1)  # 5 − axis is the other axis
     if axis == 2:
@@ -288,16 +289,16 @@ def store_table(name: str, table: Tensor, rounding: Rounding, axis: int) -> dict
     }
 
 
-def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str, Tensor]:
+def store_alike(name: str, values: Tensor, stored: dict[str, Tensor]) -> dict[str, Tensor]:
     """A texture (…, C) as named tensors; each channel gets the bits that it has in another texture.
 
-    `other` are the tensors that `store_texture` made of that texture, under the same name.
+    `stored` are the tensors that `store_texture` made of that texture, under the same name.
     """
-    if f"{name}.step" not in other:
-        return pack(name, values, "half" if other[name].dtype == torch.float16 else "float32")
+    if f"{name}.step" not in stored:
+        return pack(name, values, "half" if stored[name].dtype == torch.float16 else "float32")
     rounding = Rounding(values.shape[-1], MOST_BITS)
     # `compress` writes one byte for the way, then the bits of each channel.
-    rounding.set(values, other[name][1 : 1 + values.shape[-1]])
+    rounding.set(values, stored[name][1 : 1 + values.shape[-1]])
     return store_texture(name, values, rounding)
 
 

@@ -63,8 +63,7 @@ def truncated_svd(
     small = min(shape) <= EXACT_SIDE and bytes_of_matrix <= EXACT_BYTES
     if small or size * (passes - 1) >= min(shape):  # the space of all images would be the whole one
         return _exact(read, shape, rank, device)
-    mean = torch.zeros(features, device=device)
-    rows_of_space = _krylov_space(read, shape, size, passes, mean, generator)
+    mean, rows_of_space = _mean_and_krylov_space(read, shape, size, passes, generator, device)
     # The last pass projects the matrix on the space; the components of this smaller matrix are those wanted.
     projected = torch.empty(features, len(rows_of_space), device=device)
     energy = 0.0
@@ -79,19 +78,20 @@ def truncated_svd(
     return _balanced(mean, projected @ turn, turn.T @ rows_of_space)
 
 
-def _krylov_space(
-    read: Blocks, shape: tuple[int, int], size: int, passes: int, mean: Tensor, generator: torch.Generator
-) -> Tensor:
-    """Orthonormal rows (n, T) in which the strongest components of a matrix of `shape` (F, T) lie, from all passes but
-    the last; the first writes the mean of each row to `mean` (F,).
+def _mean_and_krylov_space(
+    read: Blocks, shape: tuple[int, int], size: int, passes: int, generator: torch.Generator, device: torch.device
+) -> tuple[Tensor, Tensor]:
+    """The mean (F,) of each row of a matrix of `shape` (F, T), and orthonormal rows (n, T) in which its strongest
+    components lie, from all passes but the last.
 
     They span the images of `size` random rows under AᵀA, under its square, and so on.
     """
-    _, texels = shape
+    features, texels = shape
+    mean = torch.zeros(features, device=device)
     bytes_of_image = 4 * size * texels
     depth = min(passes - 1, max(2, SPACE_BYTES // bytes_of_image))  # images that are kept
-    space = torch.zeros(depth, size, texels, device=mean.device)
-    image = torch.randn(size, texels, generator=generator).to(mean.device)
+    space = torch.zeros(depth, size, texels, device=device)
+    image = torch.randn(size, texels, generator=generator).to(device)
     for step in range(passes - 1):
         power = space[step % depth].zero_()  # the oldest image gives way
         for _, block in _centred(read(f"pass {step + 1} of {passes}"), mean, first=step == 0):
@@ -100,7 +100,7 @@ def _krylov_space(
         image = power
     rows = space.flatten(0, 1)  # (depth · size, T)
     _orthonormalise(rows)
-    return rows
+    return mean, rows
 
 
 def strongest(factors: Factors, rank: int) -> Factors:
@@ -147,7 +147,7 @@ def _exact(read: Blocks, shape: tuple[int, int], rank: int, device: torch.device
 
 
 def _centred(blocks: Iterator[Tensor], mean: Tensor, first: bool) -> Iterator[tuple[slice, Tensor]]:
-    """The blocks minus the mean of each row, with their rows; the first reading computes the means."""
+    """The blocks minus the mean of each row, with their rows; the first reading writes the means to `mean` (F,)."""
     start = 0
     for block in blocks:
         rows = slice(start, start + len(block))
@@ -200,8 +200,8 @@ def _balanced(mean: Tensor, basis: Tensor, coefficients: Tensor) -> Factors:
 def blocks(btf: BTF, fit: Fit, label: str, gain: float | None, block_bytes: int = 0) -> Iterator[Tensor]:
     """The slices of a BTF as new blocks (3 · slices, texels), float32, on the device of the fit.
 
-    A block has at most `block_bytes` (0: `BLOCK_BYTES`), but at least one slice.
-    With a `gain` they are log1p(gain · radiance), negative radiance counting as 0; without, radiance as it is.
+    A block has at most `block_bytes` (0: `BLOCK_BYTES`), but at least one slice. With a `gain` its numbers are
+    log1p(gain · radiance), negative radiance counting as 0; without, radiance as it is.
     """
     texels = btf.shape[0] * btf.shape[1]
     bytes_of_slice = 12 * texels  # three float32 a texel

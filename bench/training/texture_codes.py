@@ -62,7 +62,7 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
         if pictures:
             ways[PREDICTED] = predicted_codes.encode(planes.T, np.array(bits), pictures)
     # Of the ways from which `expand` accepts so many codes.
-    readable = [way for way, payload in ways.items() if codes.numel() <= _most(way, payload)]
+    readable = [way for way, payload in ways.items() if codes.numel() <= _most_codes(way, payload)]
     shortest = min(readable, key=lambda way: len(ways[way]))
     return shortest, ways[shortest]
 
@@ -81,14 +81,14 @@ def _picture_sizes(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None
     return []
 
 
-def _most(way: int, payload: bytes) -> int:
+def _most_codes(way: int, payload: bytes) -> int:
     """The largest number of codes to which a payload may expand: a fixed one, or eight a byte if that is more."""
     fixed = MOST_PREDICTED if way == PREDICTED else MOST_CODES
     return max(fixed, 8 * len(payload))
 
 
 def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
-    """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most`."""
+    """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most_codes`."""
     channels = shape[-1]
     count = math.prod(shape)
     if not len(data) or data[0] > PREDICTED:
@@ -101,8 +101,8 @@ def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] 
     stored = bits > 0  # a mask of the channels that have codes in the payload
     inner = (*shape[:-1], int(stored.sum()))  # the shape of these codes
     # Channels of no bits take no bytes, so where there are some, a payload justifies only a fixed number of codes.
-    most = _most(way, payload) if stored.all() else MOST_CODES
-    if min(shape) < 1 or count > most or math.prod(inner) > _most(way, payload):
+    most = _most_codes(way, payload) if stored.all() else MOST_CODES
+    if min(shape) < 1 or count > most or math.prod(inner) > _most_codes(way, payload):
         raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")
     if stored.all():
         return _expanded(way, payload, bits, inner, sizes)
@@ -123,8 +123,8 @@ def _expanded(
     if way == PREDICTED:
         if not pictures:
             raise InputError("a texture of this file does not say how its codes lie: encode it again")
-        found = predicted_codes.decode(payload, bits.astype(np.int64), pictures)
-        return torch.from_numpy(found.reshape(tuple(shape)).astype(np.float32))
+        codes = predicted_codes.decode(payload, bits.astype(np.int64), pictures)
+        return torch.from_numpy(codes.reshape(tuple(shape)).astype(np.float32))
     planes = _unpacked(payload, bits, size) if way == PACKED else _decompressed(way, payload, count)
     if len(planes) != count:
         raise InputError(f"a texture of this file holds {len(planes)} codes, not {count}: encode it again")

@@ -247,14 +247,14 @@ def test_a_smooth_texture_is_estimated_at_fewer_bits_as_its_file_takes_them() ->
         rounding = Rounding(3, 4)
         rounding.set(values, torch.tensor([4, 4, 0]))
         rounding(values.requires_grad_())
-        estimated.append(float(rounding.spent.detach()))
+        estimated.append(float(rounding.spent_bits.detach()))
         taken.append(8 * store_texture("latents", values.detach(), rounding)["latents"].numel())
-        rounding.spent.backward()
+        rounding.spent_bits.backward()
         assert not values.grad[..., 2].any()  # a channel of no bits takes none
         in_rows = Rounding(3, 4, sizes=[(24, 16)])
         in_rows.set(values, torch.tensor([4, 4, 0]))
         in_rows(values.detach().flatten(0, 1).requires_grad_())
-        assert float(in_rows.spent.detach()) == pytest.approx(estimated[-1])
+        assert float(in_rows.spent_bits.detach()) == pytest.approx(estimated[-1])
     assert estimated[0] < estimated[1]
     assert taken[0] < taken[1]
     assert estimated[1] == pytest.approx(taken[1], rel=0.25)
