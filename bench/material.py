@@ -41,8 +41,9 @@ class DecoderCost:
     def of_texture(cls, texture: Tensor, parameters: int = 0, flops: int = 0) -> "DecoderCost":
         """The cost of fetching a texture (H, W, C) bilinearly and decoding it with a network."""
         channels = texture.shape[2]
-        read = 4 * channels  # of the four texels around a query; each number is multiplied and added
-        return cls(parameters, channels, texture.numel(), flops + 2 * read, read * texture.element_size())
+        numbers_read = 4 * channels  # of the four texels around a query; each is multiplied and added
+        bytes_read = numbers_read * texture.element_size()
+        return cls(parameters, channels, texture.numel(), flops + 2 * numbers_read, bytes_read)
 
 
 class Material:
@@ -124,9 +125,9 @@ class Material:
         """
         for name, value in vars(self).items():
             if isinstance(value, nn.Module):
-                learned = next(value.parameters(), None) is not None
+                has_parameters = next(value.parameters(), None) is not None
                 module_dtype = dtype
-                if dtype is not None and not learned:
+                if dtype is not None and not has_parameters:
                     module_dtype = at_least_float32(dtype)
                 value.to(device=device, dtype=module_dtype)
             elif isinstance(value, Tensor):
@@ -192,8 +193,8 @@ class Material:
         fades = self.lowest_light > 0 and (ahead or bool((wi[:, 2] < self.lowest_light).any()))
         rgb = self.faded(*queries) if fades else self.evaluate(*queries)
         if not isinstance(rgb, Tensor) or rgb.shape != (len(uv), 3):
-            what = f"a tensor {tuple(rgb.shape)}" if isinstance(rgb, Tensor) else rgb
-            raise answered(self.evaluate, what, f"a tensor ({len(uv)}, 3)")
+            answer = f"a tensor {tuple(rgb.shape)}" if isinstance(rgb, Tensor) else rgb
+            raise answered(self.evaluate, answer, f"a tensor ({len(uv)}, 3)")
         return rgb.float().clamp_min(0).masked_fill(below[:, None].to(rgb.device), 0)
 
     def slice(self, wo: Sequence[float], wi: Sequence[float], size: tuple[int, int] | None = None) -> Tensor:
@@ -329,18 +330,18 @@ def _check_values(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor, start: 
     # A sum is not finite if any of its terms is not, and it is far cheaper than a mask.
     sums = torch.stack([values.sum(dtype=torch.float64) for values in (uv, wo, wi, footprint)])
     # Masks (n,) of the views, and of the lights, that are not of unit length.
-    off = [(torch.linalg.vector_norm(values, dim=1) - 1).abs() > UNIT_TOLERANCE for values in (wo, wi)]
+    wo_off, wi_off = [(torch.linalg.vector_norm(values, dim=1) - 1).abs() > UNIT_TOLERANCE for values in (wo, wi)]
     # `&`, not `and`, makes one answer of three: a GPU is waited for each time that the host asks for one.
-    if sums.isfinite().all() & ~(off[0] | off[1]).any() & (footprint.min() >= 0):
+    if sums.isfinite().all() & ~(wo_off | wi_off).any() & (footprint.min() >= 0):
         return
     for name, values in (("uv", uv), ("wo", wo), ("wi", wi), ("footprint", footprint[:, None])):
-        wrong = (~torch.isfinite(values).all(1)).nonzero()
-        if len(wrong):
-            row = int(wrong[0])
+        wrong_rows = (~torch.isfinite(values).all(1)).nonzero()
+        if len(wrong_rows):
+            row = int(wrong_rows[0])
             raise InputError(f"query: {name} of row {start + row} is not finite: {values[row].tolist()}")
-    for name, values, wrong in zip(("wo", "wi"), (wo, wi), off, strict=True):
-        if wrong.any():
-            row = int(wrong.nonzero()[0])
+    for name, values, off in (("wo", wo, wo_off), ("wi", wi, wi_off)):
+        if off.any():
+            row = int(off.nonzero()[0])
             where = f"{name} of row {start + row}"
             raise InputError(f"query: {where} is not of unit length: {values[row].tolist()}; normalise it")
     if footprint.min() < 0:

@@ -12,7 +12,7 @@ _RESET_PEAK = "5"  # what the kernel's `clear_refs` takes to forget the peak so 
 
 
 def forget_peak(device: torch.device) -> bool:
-    """Start anew: `peak_bytes` tells the most since now. Whether that could be done."""
+    """Start anew: `peak_bytes` tells the most since now. Returns whether that could be done."""
     if is_gpu(device):
         reset = getattr(torch.get_device_module(device), "reset_peak_memory_stats", None)
         if reset is None:  # not each maker's module has it
@@ -32,8 +32,8 @@ def peak_bytes(device: torch.device) -> int | None:
     On a CPU it is all memory of this process, PyTorch and the BTF included.
     """
     if is_gpu(device):
-        most = getattr(torch.get_device_module(device), "max_memory_allocated", None)
-        return None if most is None else int(most(device))
+        peak_of = getattr(torch.get_device_module(device), "max_memory_allocated", None)
+        return None if peak_of is None else int(peak_of(device))
     try:
         status = (_PROCESS / "status").read_text(encoding="utf-8")
     except OSError:

@@ -252,36 +252,36 @@ def read_scores(scores: Mapping[str, Group]) -> dict[str, Group]:
     each part of the deciding group (but of no part of a part), and of those in and out of a scene, a few statistics
     of a few metrics stay. Other groups go.
     """
-    decides = deciding_group(scores)
-    found: dict[str, Group] = {}
+    deciding = deciding_group(scores)
+    groups_read: dict[str, Group] = {}
     for name, group in scores.items():
         parent, *parts = name.split(", ")
-        if name in (decides, "scene"):
-            chosen = group["metrics"]
+        if name in (deciding, "scene"):
+            statistics = group["metrics"]
         elif name in ("all", "train"):
-            chosen = _chosen(group, _OF_ALL_OR_FITTED)
+            statistics = _chosen_statistics(group, _OF_ALL_OR_FITTED)
         elif name == VALIDATION:  # a trade also reads what is pooled
-            chosen = _chosen(group, {PSNR: ("mean", "pooled", *_COUNTS)})
+            statistics = _chosen_statistics(group, {PSNR: ("mean", "pooled", *_COUNTS)})
         elif name in (SCENE_HELDOUT, OUTSIDE):
-            chosen = _chosen(group, _OF_MEAN_PSNR)
-        elif name == LOW_LIGHT or (parent == decides and len(parts) == 1):
-            chosen = _chosen(group, _OF_PART)
+            statistics = _chosen_statistics(group, _OF_MEAN_PSNR)
+        elif name == LOW_LIGHT or (parent == deciding and len(parts) == 1):
+            statistics = _chosen_statistics(group, _OF_PART)
         else:
             continue
-        found[name] = {"metrics": chosen}
+        groups_read[name] = {"metrics": statistics}
         if "slices" in group:  # in records, the count comes first
-            found[name] = {"slices": group["slices"], "metrics": chosen}
-    return found
+            groups_read[name] = {"slices": group["slices"], "metrics": statistics}
+    return groups_read
 
 
-def _chosen(group: Group, families: Mapping[str, Sequence[str]]) -> dict[str, Statistics]:
+def _chosen_statistics(group: Group, families: Mapping[str, Sequence[str]]) -> dict[str, Statistics]:
     """Of each family the metric of a group that tables show, see `metric_of`, with the statistics named there."""
     chosen: dict[str, Statistics] = {}
-    for family, statistics in families.items():
+    for family, wanted in families.items():
         name = metric_of(group["metrics"], family)
         if name:
             stats = group["metrics"][name]
-            chosen[name] = {each: stats[each] for each in statistics if each in stats}
+            chosen[name] = {statistic: stats[statistic] for statistic in wanted if statistic in stats}
     return chosen
 
 

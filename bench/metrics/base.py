@@ -129,18 +129,18 @@ class SliceMetric:
             raise InputError(f"reference is {size}, but {type(self).__name__} needs at least {least} × {least}")
         return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
 
-    def error_map(self, state: Prepared, test: Array) -> Array:
+    def error_map(self, reference: Prepared, test: Array) -> Array:
         """The map (..., H, W) of the difference; `test` is linear radiance of the reference's size, or a stack of such.
         Raises `InputError` as `prepare` does, and if the sizes differ."""
-        picture = Picture(test, state.exposure, "test")
-        if picture.shape == state.shape:
-            return self.compare(state.side, picture)
+        picture = Picture(test, reference.exposure, "test")
+        if picture.shape == reference.shape:
+            return self.compare(reference.side, picture)
         # A stack of tests (n, H, W, 3) against one reference (H, W, 3): one after the other.
-        if picture.shape[1:] == state.shape:
-            return np.stack([self.error_map(state, one) for one in test])
-        raise InputError(f"test is {picture.shape}, but reference is {state.shape}")
+        if picture.shape[1:] == reference.shape:
+            return np.stack([self.error_map(reference, one) for one in test])
+        raise InputError(f"test is {picture.shape}, but reference is {reference.shape}")
 
-    def score(self, state: Prepared, test: Array) -> Any:
+    def score(self, reference: Prepared, test: Array) -> Any:
         """The raw number, the mean of `error_map`: a float for one slice, an array for a stack."""
-        raw = self.error_map(state, test).mean((-2, -1))
+        raw = self.error_map(reference, test).mean((-2, -1))
         return float(raw) if np.ndim(raw) == 0 else raw

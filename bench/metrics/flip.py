@@ -275,16 +275,16 @@ class HDR(SliceMetric):
         # The curve is `_BRIGHT` where its numerator − `_BRIGHT` · its denominator, a polynomial of x, is 0.
         numerator, denominator = np.reshape(self.curve, (2, 3))
         roots = np.roots(numerator - _BRIGHT * denominator)
-        white = float(roots.real.max())  # the larger root of a quadratic, or the root of a line
-        return Range(math.log2(white / luminance.max()), math.log2(white / middle))
+        bright = float(roots.real.max())  # the larger root of a quadratic, or the root of a line
+        return Range(math.log2(bright / luminance.max()), math.log2(bright / middle))
 
     def reference_side(self, reference: Picture) -> tuple[Array, tuple[Perceived, ...]]:
         """The exposures in stops, and what is perceived of the reference at each."""
         is_stack = len(reference.shape) > 2  # (..., H, W), without the channels
         if not self.range and is_stack:
             raise InputError("reference is a stack, each with exposures of its own: give start and stop")
-        chosen = self.range or self.range_of(np.tensordot(LUMA, reference.linear, 1))
-        steps = chosen.steps()
+        exposures = self.range or self.range_of(np.tensordot(LUMA, reference.linear, 1))
+        steps = exposures.steps()
         return steps, tuple(self._perceive(reference, step) for step in steps)
 
     def compare(self, side: tuple[Array, tuple[Perceived, ...]], test: Picture) -> Array:

@@ -13,14 +13,14 @@ from bench.metrics.base import Picture, SliceMetric
 
 def guarded(make: Callable[[], SliceMetric], called: str) -> "Guarded":
     """Make a metric of another package. `called` names it in errors. `PluginError` if it cannot be made."""
-    metric: Guarded = _asked(called, "cannot be made", lambda: Guarded(make(), called))
+    metric: Guarded = _answer_of(called, "cannot be made", lambda: Guarded(make(), called))
     return metric
 
 
-def _asked(called: str, fails: str, function: Callable[..., Any], *given: Any) -> Any:
+def _answer_of(called: str, fails: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """What a function of the metric answers; what it raises becomes a `PluginError`: `called`, `fails`, its words."""
     try:
-        return function(*given)
+        return function(*arguments)
     except (Exception, SystemExit) as error:
         raise PluginError(f"{called} {fails}: {said_by(error)}") from error
 
@@ -66,4 +66,4 @@ class Guarded(SliceMetric):
 
     def _answer(self, method: str, *arguments: Any) -> Any:
         """What a method of the metric answers; `PluginError` for whatever it raises."""
-        return _asked(self.called, f"fails in {method}", getattr(self.metric, method), *arguments)
+        return _answer_of(self.called, f"fails in {method}", getattr(self.metric, method), *arguments)

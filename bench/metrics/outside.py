@@ -34,7 +34,7 @@ def metric_of_entry(entry: EntryPoint, families: Collection[str]) -> Metric:
 
     Raises `PluginError` that names the package, if the description cannot be imported or used.
     """
-    described = _imported(entry, tuple(sys.path))
+    described = _imported_or_error(entry, tuple(sys.path))
     if isinstance(described, PluginError):
         raise described
     called = plugins.called(entry, KIND)
@@ -48,7 +48,7 @@ def metric_of_entry(entry: EntryPoint, families: Collection[str]) -> Metric:
 
 
 @lru_cache(maxsize=64)  # a package that cannot be imported is tried once
-def _imported(entry: EntryPoint, path: tuple[str, ...]) -> object:
+def _imported_or_error(entry: EntryPoint, path: tuple[str, ...]) -> object:
     """The object of an entry point, whatever it is, or the error of its import, so that both are remembered."""
     del path
     try:

@@ -34,23 +34,23 @@ def squared_error(reference: Array, test: Array) -> Array:
 
 
 class SquaredDifference(SliceMetric):
-    """A metric of the squared error in one space of a picture: `plane` names it."""
+    """A metric of the squared error in one space of a picture: `space` names it."""
 
-    plane: ClassVar[str]
+    space: ClassVar[str]
 
     def reference_side(self, reference: Picture) -> Array:
         """The reference (3, ..., H, W) in the metric's space."""
-        planes: Array = getattr(reference, self.plane)
+        planes: Array = getattr(reference, self.space)
         return planes
 
     def compare(self, side: Array, test: Picture) -> Array:
-        return squared_error(side, getattr(test, self.plane))
+        return squared_error(side, getattr(test, self.space))
 
 
 class DisplayPSNR(SquaredDifference):
     """PSNR of the display transform of both slices; peak 1."""
 
-    plane = "display"
+    space = "display"
     peak = 1.0
 
     def values(self, raw: Array) -> Array:
@@ -60,7 +60,7 @@ class DisplayPSNR(SquaredDifference):
 class LogPSNR(DisplayPSNR):
     """PSNR of log1p(8 · exposure · radiance); peak log1p(8). Highlights beyond 1 count, unlike in display space."""
 
-    plane = "log1p"
+    space = "log1p"
     peak = math.log1p(LOG_SCALE)
 
 
@@ -72,7 +72,7 @@ class LinearRMSE(SquaredDifference):
     Divided by the mean radiance of some slices it is the relative error, which is not lower just because they are dark.
     """
 
-    plane = "linear"
+    space = "linear"
 
     def values(self, raw: Array) -> Array:
         return np.sqrt(raw)

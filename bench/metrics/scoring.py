@@ -151,12 +151,12 @@ class Scorer:
         with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for start in range(0, len(pairs), step):
-                    own = tuple(pairs[start : start + step].tolist())
+                    of_stack = tuple(pairs[start : start + step].tolist())
                     shape = (*self.btf.shape, 3)
-                    test = np.stack([_decoded(decode_slice(pair), shape, f"pair {pair}") for pair in own])
+                    test = np.stack([_decoded(decode_slice(pair), shape, f"pair {pair}") for pair in of_stack])
                     # A cached reference stays, so the worker will find it.
-                    truth = None if own in self._cached else np.stack([self.btf[pair] for pair in own])
-                    waiting.append(pool.submit(self._compare, own, truth, test))
+                    truth = None if of_stack in self._cached else np.stack([self.btf[pair] for pair in of_stack])
+                    waiting.append(pool.submit(self._compare, of_stack, truth, test))
                     # One stack more than workers may wait; then the oldest is waited for.
                     if len(waiting) > self.threads:
                         yield self._finish(waiting.popleft())
@@ -178,11 +178,11 @@ class Scorer:
             sides = {name: metric.reference_side(true_picture) for name, metric in self._applicable.items()}
             # Pictures are planar, (3, n, H, W): the mean over all axes but that of the slices.
             reference = _Reference(sides, true_picture.log1p, true_picture.linear.mean((0, -2, -1)))
-        picture = Picture(test, self.exposure, "test")
+        test_picture = Picture(test, self.exposure, "test")
         means = {}
         for name, metric in self._applicable.items():
-            means[name] = metric.compare(reference.sides[name], picture).mean((-2, -1))  # (n,), over the texels
-        abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)  # of (n, H, W)
+            means[name] = metric.compare(reference.sides[name], test_picture).mean((-2, -1))  # (n,), over the texels
+        abrdf = LogPSNR().compare(reference.log1p, test_picture).sum(0)  # of (n, H, W)
         return _Stack(pairs, reference, means, abrdf)
 
     def _finish(self, future: Future[_Stack]) -> _Stack:
@@ -233,13 +233,13 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
 def weighted(scores: Scores, share: Array) -> Group:
     """Statistics of all scored pairs, weighted by their shares (N,), by pair of the BTF; ready for JSON. As a group of
     `summarise`, without `worst`; `slices` and `exact` count pairs with a share."""
-    share = share[scores.pairs]
-    radiance = as_number(np.average(scores.radiance, weights=share)) if share.any() else None
-    result: Group = {"slices": int((share > 0).sum()), "radiance": radiance, "metrics": {}}
+    shares = share[scores.pairs]  # (n,), of the scored pairs
+    radiance = as_number(np.average(scores.radiance, weights=shares)) if shares.any() else None
+    result: Group = {"slices": int((shares > 0).sum()), "radiance": radiance, "metrics": {}}
     for name, raw in scores.raw.items():
         description = registry.get(name)
-        counting = ~np.isnan(raw) & (share > 0)  # mask (n,)
-        stats = _weighted(description.load(), raw[counting], share[counting])
+        counting = ~np.isnan(raw) & (shares > 0)  # mask (n,)
+        stats = _weighted(description.load(), raw[counting], shares[counting])
         if description.relative:
             stats["relative"] = _relative(stats["pooled"], radiance)
         result["metrics"][name] = stats
@@ -258,13 +258,13 @@ def _weighted(metric: SliceMetric, raw: Array, share: Array) -> Statistics:
     values = metric.values(raw)
     finite = np.isfinite(values)
     mean = None
-    spread = None
+    deviation = None
     if finite.any():
         mean = float(np.average(values[finite], weights=share[finite]))
         variance = float(np.average((values[finite] - mean) ** 2, weights=share[finite]))
-        spread = variance**0.5
+        deviation = variance**0.5
     pooled = as_number(float(metric.values(np.average(raw, weights=share)))) if len(raw) else None
-    return {"mean": mean, "std": spread, "pooled": pooled} | _counts(metric, raw)
+    return {"mean": mean, "std": deviation, "pooled": pooled} | _counts(metric, raw)
 
 
 def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]]:
@@ -357,9 +357,9 @@ def _statistics(metric: SliceMetric, raw: Array) -> Statistics:
     values = metric.values(raw)
     finite = values[np.isfinite(values)]
     mean = float(finite.mean()) if len(finite) else None
-    spread = float(finite.std()) if len(finite) else None
+    deviation = float(finite.std()) if len(finite) else None
     pooled = as_number(metric.pool(raw)) if len(raw) else None
-    return {"mean": mean, "std": spread, "pooled": pooled} | _counts(metric, raw)
+    return {"mean": mean, "std": deviation, "pooled": pooled} | _counts(metric, raw)
 
 
 def _counts(metric: SliceMetric, raw: Array) -> Statistics:

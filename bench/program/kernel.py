@@ -68,18 +68,17 @@ def _function(formula: str, count: int) -> Callable[..., Scalar]:
 
 
 class Kernel(Backend):
-    """A program that Dr.Jit records; `kind` is its module of arrays, such as `drjit.llvm`. `more` computes further
-    operations of the caller."""
+    """A program that Dr.Jit records."""
 
     what = "kernel"
 
-    def __init__(self, program: Program, kind: ModuleType, more: dict[str, Operation] | None = None):
-        """Check that a program can be computed with the array module `kind`; `more` are operations beside the usual
-        ones."""
+    def __init__(self, program: Program, arrays: ModuleType, more: dict[str, Operation] | None = None):
+        """`arrays` is Dr.Jit's module of arrays, such as `drjit.llvm`; `more` are operations of the caller beside the
+        usual ones. `InputError` if the program has an operation that is among neither."""
         self.operations = OPERATIONS | (more or {})
         self.check(program)
         self.program = program
-        self.kind = kind
+        self.arrays = arrays
         # Whether products become functions that the kernel calls.
         self.calls = program.products() > MOST_LITERALS
         self.tables: dict[tuple[Any, ...], tuple[Array, Scalar]] = {}  # by place in memory, shape and strides
@@ -94,7 +93,7 @@ class Kernel(Backend):
         if "%" in formula:
             # A renderer fetches 0 for inactive rays, and an integer division by 0 ends the process.
             left, right = arguments
-            arguments = [left, [_not_zero(b) for b in right]]
+            arguments = [left, [_without_zero(divisor) for divisor in right]]
         function = _function(formula, len(arguments))
         return [function(*scalars) for scalars in zip(*arguments, strict=True)]  # one of each argument
 
@@ -104,10 +103,10 @@ class Kernel(Backend):
             return KINDS[kind](scalar)
         if kind == "bool":
             return scalar if dr.is_mask_v(scalar) else scalar != 0
-        array = self.kind.Float if kind == "float" else self.kind.Int
+        array_type = self.arrays.Float if kind == "float" else self.arrays.Int
         if dr.is_mask_v(scalar):
-            return dr.select(scalar, array(1), array(0))
-        return array(scalar)
+            return dr.select(scalar, array_type(1), array_type(0))
+        return array_type(scalar)
 
     convert = as_kind
 
@@ -132,7 +131,7 @@ class Kernel(Backend):
                 # The bias of this row: as many floats, after those of the elements that are done.
                 starts = bias[len(elements) : len(elements) + width]
                 if self.calls and matrix.dtype != object:
-                    sums = called_product(self.kind, listed(row), matrix)
+                    sums = called_product(self.arrays, listed(row), matrix)
                     elements += [total + start for total, start in zip(sums, starts, strict=True)]
                 else:
                     columns = zip(matrix.T, starts, strict=True)
@@ -144,13 +143,13 @@ class Kernel(Backend):
         # Steps that read the same table give views of the same memory: it is stored once. Its transpose is another one.
         key = (table.__array_interface__["data"][0], table.shape, table.strides)
         if key not in self.tables:
-            array_type = self.kind.Float if kind == "float" else self.kind.Int
+            array_type = self.arrays.Float if kind == "float" else self.arrays.Int
             flat = array_type(np.ascontiguousarray(table).reshape(-1))
             # The table is kept too, so that its memory stays alive and no other table gets the same key.
             self.tables[key] = table, flat
         _, stored = self.tables[key]  # row by row
         rows, channels = table.shape
-        row = dr.minimum(self.kind.UInt(index), rows - 1)  # an altered file must not read other memory
+        row = dr.minimum(self.arrays.UInt(index), rows - 1)  # an altered file must not read other memory
         first = row * channels
         return [dr.gather(type(stored), stored, first + channel) for channel in range(channels)]
 
@@ -159,7 +158,7 @@ class Kernel(Backend):
         return [_dot(shares, channel) for channel in zip(*rows, strict=True)]
 
 
-def _not_zero(divisor: Scalar) -> Scalar:
+def _without_zero(divisor: Scalar) -> Scalar:
     """An integer divisor with 1 in place of 0; a plain number is taken as it is."""
     return divisor if isinstance(divisor, int) else dr.select(divisor == 0, 1, divisor)
 
@@ -172,17 +171,17 @@ def _dot(left: Sequence[Scalar], right: Sequence[Scalar], start: Scalar = 0.0) -
     return total
 
 
-def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) -> list[Scalar]:
+def called_product(arrays: ModuleType, inputs: Sequence[Scalar], matrix: Array) -> list[Scalar]:
     """inputs · matrix, for a matrix of numbers (inputs, outputs), by functions with the weights as literals.
 
     In line, LLVM takes minutes for tens of thousands of literals, and a kernel that evaluates a network several times
     contains them several times. Functions of a few outputs each compile in seconds, once; their sums stay in registers.
     """
-    values_of_inputs = [kind.Float(value) for value in inputs]
-    backend = dr.backend_v(kind.Float)
+    values_of_inputs = [arrays.Float(value) for value in inputs]
+    backend = dr.backend_v(arrays.Float)
     # A switch with one case, number 0. That number must not be a constant, else LLVM would inline the function. So it
     # depends on an input: 1 or 0, shifted right by one bit, is 0.
-    zero = dr.select(values_of_inputs[0] > 0, kind.UInt32(1), kind.UInt32(0)) >> 1
+    zero = dr.select(values_of_inputs[0] > 0, arrays.UInt32(1), arrays.UInt32(0)) >> 1
     outputs: list[Scalar] = []
     for first in range(0, matrix.shape[1], BLOCK):
         weights = matrix[:, first : first + BLOCK].tolist()
@@ -190,7 +189,7 @@ def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) ->
         # A default binds the weights of this block; the loop's variable would be those of the last.
         def block(*values: Scalar, weights: list[list[float]] = weights) -> tuple[Scalar, ...]:
             """The sums of up to `BLOCK` outputs."""
-            sums = [kind.Float(0)] * len(weights[0])
+            sums = [arrays.Float(0)] * len(weights[0])
             for value, row in zip(values, weights, strict=True):
                 dr.detail.new_scope(backend)  # otherwise Dr.Jit orders output by output, and reads each input again
                 sums = [dr.fma(value, weight, total) for weight, total in zip(row, sums, strict=True)]

@@ -65,12 +65,12 @@ def unusable(plugins: bool = False) -> str:
 
     The trial takes about a second, once in a process.
     """
-    version, passed, end = _trial_results(os.environ.get(CHOICE, ""))
+    version, passed_trials, end = _trial_results(os.environ.get(CHOICE, ""))
     if not version:
         return f"Dr.Jit finds no usable LLVM ({end}): {REMEDY}"
     # Trials run in order until one ends the process, so the last one that matters tells of all before it.
     last = "arctangent" if plugins else "kernels"
-    if last in passed:
+    if last in passed_trials:
         return ""
     return f"Dr.Jit cannot use {version}, which ended a trial process ({end}): {REMEDY}"
 
@@ -85,21 +85,21 @@ def _trial_results(choice: str) -> tuple[str, tuple[str, ...], str]:
     try:
         # An empty cache: Dr.Jit names kernels by the processor alone, and would load those that another LLVM compiled.
         with TemporaryDirectory() as empty:
-            done = subprocess.run(
+            process = subprocess.run(
                 [sys.executable, "-c", _TRIAL], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LIMIT,
                 env=os.environ | {"DRJIT_CACHE_DIR": empty},
             )  # fmt: skip
     except subprocess.TimeoutExpired:
         return f"LLVM ({choice or 'as found'})", (), f"no answer within {LIMIT:.0f} s"
-    version, *passed = done.stdout.split("\n")
-    return version, tuple(passed), _end(done)
+    version, *passed_trials = process.stdout.split("\n")
+    return version, tuple(passed_trials), _end_of(process)
 
 
-def _end(done: subprocess.CompletedProcess[str]) -> str:
+def _end_of(process: subprocess.CompletedProcess[str]) -> str:
     """How a process ended: its first error or last line, or its exit code."""
-    lines = done.stderr.splitlines()
+    lines = process.stderr.splitlines()
     errors = [line for line in lines if "error" in line.lower()]
     telling = errors[:1] or lines[-1:]
     if not telling:
-        return f"exit code {done.returncode}"
+        return f"exit code {process.returncode}"
     return " ".join(telling[0].split())[:200]

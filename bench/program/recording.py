@@ -60,7 +60,7 @@ def _exporting() -> Iterator[None]:
             setattr(torch.compiler, flag, value)
 
 
-def _recorded(material: Material) -> GraphModule:
+def _graph_of(material: Material) -> GraphModule:
     """The graph of a material's answer to one query, in operations of the core set that change nothing in place.
 
     `torch.export` gives the same graph in three times the time.
@@ -69,9 +69,9 @@ def _recorded(material: Material) -> GraphModule:
     zenith = torch.tensor([[0.0, 0.0, 1.0]])
     query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)
     # How operations are taken apart into those of the core set; two more are added.
-    plain = torch.export.default_decompositions()
-    plain[torch.ops.aten._cdist_forward.default] = _distances
-    plain[torch.ops.aten.topk.default] = _first
+    decompositions = torch.export.default_decompositions()
+    decompositions[torch.ops.aten._cdist_forward.default] = _distances
+    decompositions[torch.ops.aten.topk.default] = _top_k
     # What was not read from a file has no lowest light.
     answer = material.faded if material.lowest_light else material.evaluate
 
@@ -83,7 +83,7 @@ def _recorded(material: Material) -> GraphModule:
     with torch.no_grad(), _quiet(), _exporting(), one_mode:
         as_written = make_fx(of_query)(*query)
         # `functionalize` takes only what PyTorch itself does not take apart, so it is given the first graph.
-        graph = make_fx(functionalize(as_written), decomposition_table=dict(plain))(*query)
+        graph = make_fx(functionalize(as_written), decomposition_table=dict(decompositions))(*query)
     graph.graph.eliminate_dead_code()
     return graph
 
@@ -95,7 +95,7 @@ def _distances(left: Tensor, right: Tensor, order: float, mode: int | None) -> T
     return (left.unsqueeze(-2) - right.unsqueeze(-3)).square().sum(-1).sqrt()
 
 
-def _first(source: Tensor, count: int, axis: int = -1, largest: bool = True, ranked: bool = True) -> list[Tensor]:
+def _top_k(source: Tensor, count: int, axis: int = -1, largest: bool = True, ranked: bool = True) -> list[Tensor]:
     """`topk` as plain operations: the extreme number is found, then replaced by one that comes last, `count` times."""
     rows = source.shape[axis]
     if rows > MOST_RANKED:
@@ -122,7 +122,7 @@ def program_of(material: Material) -> Program:
         # In a thread of its own. A profiler that inspects the frames of this one, such as a Dask worker's, keeps them
         # alive, and with them guards by which PyTorch pauses recording, so an operation would be missing.
         with _RECORDING, ThreadPoolExecutor(1) as thread:
-            graph = thread.submit(_recorded, material).result()
+            graph = thread.submit(_graph_of, material).result()
         return _program_from(graph, material.size)
     except Exception as error:  # PyTorch has no type of its own for what it cannot record
         message = str(error).strip()
@@ -190,7 +190,7 @@ class _Recorder:
             value = value[0]
             self.values[node.name] = [node.name]  # of its several results only the first, the sums, may be used
         elif operation in ("split_with_sizes", "split", "unbind"):
-            self._split(node, operation, arguments)
+            self._add_split(node, operation, arguments)
             return
         else:
             self.values[node.name] = node.name
@@ -200,15 +200,15 @@ class _Recorder:
         foreign = set(node.kwargs) - {"dtype", "layout", "device", "memory_format", "pin_memory"}
         if foreign:
             raise InputError(f"{operation} with {min(foreign)}")
-        self._step(node.name, operation, arguments, value)
+        self._add_step(node.name, operation, arguments, value)
 
-    def _step(self, name: str, operation: str, arguments: list[Any], result: Tensor) -> None:
+    def _add_step(self, name: str, operation: str, arguments: list[Any], result: Tensor) -> None:
         """Add a step whose result has the shape and type of `result`; its constants are kept under names."""
-        plain = [_plain(argument, self._keep) for argument in arguments]
-        self.steps.append(Step(name, operation, plain, tuple(result.shape), _kind_of(result)))
+        plain_arguments = [_plain(argument, self._keep) for argument in arguments]
+        self.steps.append(Step(name, operation, plain_arguments, tuple(result.shape), _kind_of(result)))
 
-    def _split(self, node: torch.fx.Node, operation: str, arguments: list[Any]) -> None:
-        """The parts of a tensor as slices, or selections, of it."""
+    def _add_split(self, node: torch.fx.Node, operation: str, arguments: list[Any]) -> None:
+        """Note a node that splits a tensor as steps, a slice or a selection for each part."""
         source, *rest = arguments
         before_axis = 0 if operation == "unbind" else 1  # a split's sizes come before its axis
         axis = int(rest[before_axis]) if len(rest) > before_axis else 0
@@ -218,10 +218,10 @@ class _Recorder:
             name = f"{node.name}.{number}"
             names.append(name)
             if operation == "unbind":
-                self._step(name, "select", [source, axis, number], part)
+                self._add_step(name, "select", [source, axis, number], part)
             else:
                 end = start + part.shape[axis]
-                self._step(name, "slice", [source, axis, start, end], part)
+                self._add_step(name, "slice", [source, axis, start, end], part)
                 start = end
         self.values[node.name] = names
 
