@@ -186,8 +186,9 @@ def coloured(answer: Tensor, colours: Tensor) -> Tensor:
 class Pool(Samples):
     """Some texels of each of many BTFs, each with its log radiance at `PAIRS` pairs of its BTF.
 
-    The BTFs of `fit.unseen`, to which the decoder is not fitted, come last: texels from `trained` on are theirs. Texel
-    t is of the material number `material[t]`. `wo` and `wi` have `PAIRS` rows for each material, one after the other.
+    The BTFs of `fit.unseen`, to which the decoder is not fitted, come last: texels from `trained_texels` on are theirs.
+    Texel t is of the material number `material[t]`. `wo` and `wi` have `PAIRS` rows for each material, one after the
+    other.
     """
 
     def __init__(self, btfs: Sequence[BTF], most_texels: int, fit: Fit):
@@ -214,7 +215,7 @@ class Pool(Samples):
         self.texels = len(material)
         self.pairs = PAIRS
         self.material = torch.tensor(material, device=fit.device)
-        self.trained = int((self.material < len(btfs)).sum())
+        self.trained_texels = int((self.material < len(btfs)).sum())
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
 
 
@@ -275,7 +276,7 @@ class BiplaneObjective(TextureObjective):
 
         Their planes and colours are fitted, too, because the curve of the training shows their error.
         """
-        trained, texels, settings = self.samples.trained, self.samples.texels, self.settings
+        trained, texels, settings = self.samples.trained_texels, self.samples.texels, self.settings
         loss = super().loss(generator, progress)
         # Each unseen texel gets as many samples as a trained one; without unseen texels, as in the fit of one material,
         # there are none.

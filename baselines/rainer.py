@@ -181,8 +181,8 @@ class Autoencoder(RainerObjective):
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at a few random texels, each encoded once and decoded at several random pairs."""
         settings = self.settings
-        # Texels from `trained` on belong to materials that are kept for the curve.
-        texel = torch.randint(self.samples.trained, (settings.texels,), generator=generator)
+        # Texels from `trained_texels` on belong to materials that are kept for the curve.
+        texel = torch.randint(self.samples.trained_texels, (settings.texels,), generator=generator)
         texel = texel.to(self.samples.device, non_blocking=True)
         batch = self.samples.draw_at(texel.repeat_interleave(settings.pairs), generator)
         latents = self.latents(texel).repeat_interleave(settings.pairs, 0)  # (texels · pairs, D)

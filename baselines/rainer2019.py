@@ -33,7 +33,7 @@ from bench.training.gridded import (
     is_gridded,
     load_gridded,
 )
-from bench.training.grids import GridSettings, total
+from bench.training.grids import GridSettings, total_channels
 from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
 
@@ -85,7 +85,7 @@ class Rainer2019(Codec):
         @property
         def architecture(self) -> Architecture:
             """The decoder."""
-            return rainer.architecture(total(self), self.activation, self.directions, self.width)
+            return rainer.architecture(total_channels(self), self.activation, self.directions, self.width)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit encoder and decoder, or the decoder with free latents; returns the parts of the file."""

@@ -210,7 +210,7 @@ class Resampler(torch.nn.Module):
 class Pool(Samples):
     """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at `TARGET_PAIRS` pairs to answer for.
 
-    Those of `fit.unseen` come last, from texel `trained` on, for the curve. Pair p of texel t has the decoder's inputs
+    Those of `fit.unseen` come last, from texel `trained_texels` on, for the curve. Pair p of texel t has the decoder's inputs
     `coordinates[material[t], p]`.
     """
 
@@ -231,7 +231,7 @@ class Pool(Samples):
         self.pairs = TARGET_PAIRS
         self.coordinates = torch.stack(coordinates)  # (materials, TARGET_PAIRS, 4)
         counts = torch.tensor([len(abrdfs) for abrdfs in inputs], device=device)  # texels of each material
-        self.trained = int(counts[: len(btfs)].sum())
+        self.trained_texels = int(counts[: len(btfs)].sum())
         self.material = torch.arange(len(materials), device=device).repeat_interleave(counts)  # (texels,)
 
     def abrdfs(self, texel: Tensor) -> Tensor:

@@ -22,7 +22,7 @@ from bench.material import Material, sample_texture, saturated, texel_corners, t
 from bench.training import Batch, Loss, Samples, TextureObjective, TextureSettings, fitted
 from bench.training.decoder import Architecture, Decoder
 from bench.training.gridded import GriddedMaterial, GriddedNetwork, first_grids, gridded_parts, load_gridded
-from bench.training.grids import GridSettings, total
+from bench.training.grids import GridSettings, total_channels
 from bench.training.initial_latents import RANDOM_SPREAD, Start
 from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
@@ -76,7 +76,7 @@ class TriplePlane(Codec):
         @property
         def architecture(self) -> Architecture:
             """The network that reads the features of three planes, and of further grids over texels."""
-            return Architecture(total(self) + 2 * self.channels, (self.width,) * LAYERS)
+            return Architecture(total_channels(self) + 2 * self.channels, (self.width,) * LAYERS)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit planes and network. The plane over texels is the file's part `texture`; both planes over directions are

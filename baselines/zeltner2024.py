@@ -26,7 +26,7 @@ from bench.material import HIGHEST_LEVEL, Material, at_least_float32, to_radianc
 from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, fitted
 from bench.training.decoder import Activation, Architecture, Decoder
 from bench.training.gridded import GriddedMaterial, GriddedNetwork, first_grids, gridded_parts, load_gridded
-from bench.training.grids import GridSettings, total
+from bench.training.grids import GridSettings, total_channels
 from bench.training.inputs import Frames
 from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits
@@ -112,7 +112,7 @@ class FramedNetwork(nn.Module):
             self.direction_count = 3 if settings.halfway else 2  # wo, wi, and the half vector
             numbers_of_frame = 3 * self.direction_count
         self.direction_input_count = numbers_of_frame * max(1, settings.frames)  # without frames the surface's own axes
-        latents = total(settings)
+        latents = total_channels(settings)
         inputs = latents + self.direction_input_count
         architecture = Architecture(inputs, (settings.width,) * settings.layers, activation=settings.activation)
         self.frames: Frames | None = None

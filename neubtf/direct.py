@@ -23,7 +23,7 @@ from bench.training.gridded import (
     is_gridded,
     load_gridded,
 )
-from bench.training.grids import GridSettings, total
+from bench.training.grids import GridSettings, total_channels
 from bench.training.inputs import COUNTS
 from bench.training.stored_network import load_network
 from neubtf.renderer import RendererSettings, load
@@ -48,7 +48,7 @@ class NeuBTFDirect(Codec):
         @property
         def architecture(self) -> Architecture:
             """The renderer's network, whose inputs are the latents of all grids."""
-            return replace(super().architecture, inputs=total(self) + COUNTS[self.directions])
+            return replace(super().architecture, inputs=total_channels(self) + COUNTS[self.directions])
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit the texture, or the grids, and the renderer; returns the parts of the file."""

@@ -49,7 +49,17 @@ from bench.training import (
     train,
 )
 from bench.training.decoder import Architecture, Decoder
-from bench.training.grids import FACTORS, Further, Grids, GridSettings, Offset, channels, load_grids, size_of, total
+from bench.training.grids import (
+    FACTORS,
+    Further,
+    Grids,
+    GridSettings,
+    Offset,
+    channels,
+    load_grids,
+    size_of,
+    total_channels,
+)
 from bench.training.initial_latents import first_latents
 from bench.training.inputs import COUNTS, direction_inputs
 from bench.training.stored_network import WeightPrecision, load_network, store_network
@@ -77,7 +87,7 @@ class Network(nn.Module):
         super().__init__()
         self.shadow: bool = relief and settings.shadow
         # Latents, the level of detail, directions and, with a shadow, how far the relief rises into the light's ray.
-        inputs = total(settings) + 1 + COUNTS["xyzh"] + self.shadow
+        inputs = total_channels(settings) + 1 + COUNTS["xyzh"] + self.shadow
         widths = (settings.width,) * settings.layers
         outputs = 6 if self.shadow else 3  # radiance in RGB, and a mask of it in RGB
         self.decoder = Decoder(Architecture(inputs, widths, outputs, activation="silu"), generator)
@@ -298,7 +308,7 @@ class ReliefObjective(Objective):
             self.relief = Surface(in_steps(height), renewable=settings.refine and records_graphs(fit.device))
             slices = partial(rectified, self.samples, height)  # takes the pairs
         self.surface_moved = False  # whether the marched surface differs from the first one
-        latents = first_latents(self.samples, total(settings), settings.start, generator, slices)  # (H · W, channels)
+        latents = first_latents(self.samples, total_channels(settings), settings.start, generator, slices)  # (H · W, channels)
         self.grids = Grids(latents, self.samples.shape, settings, offset=not has_height)
 
     def moves_height(self, progress: float) -> bool:
@@ -397,7 +407,7 @@ class Relief(Codec):
 
         def __post_init__(self) -> None:
             """`InputError` if no grid has channels."""
-            if not total(self):
+            if not total_channels(self):
                 raise InputError("codec relief needs a channel: give latents, half or quarter")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:

@@ -80,7 +80,7 @@ class Terminal(Protocol):
         """Print what a codec file is, by its header."""
 
 
-class Drawn(NamedTuple):
+class DrawnSamples(NamedTuple):
     """Random samples: `texel` (n,) is row · W + column, `direction` (n,) the number of a pair or of a query.
 
     Queries are those of a scene; they are counted after the N pairs, so query q is N + q.
@@ -127,7 +127,7 @@ class Density:
         texels = max(1.0, float(coarsest) * side)
         return max(0, math.ceil(math.log2(texels))) + 1
 
-    def draw(self, count: int, shape: tuple[int, int], generator: torch.Generator) -> Drawn:
+    def draw(self, count: int, shape: tuple[int, int], generator: torch.Generator) -> DrawnSamples:
         """`count` random samples of the window at the resolution `shape`, (H, W) texels.
 
         A texel is drawn at a random place in the footprint of a query, or within half a texel of its centre if that is
@@ -148,10 +148,10 @@ class Density:
         texel = anywhere.div(pairs, rounding_mode="floor")
         pair = anywhere.remainder(pairs)
         even = chance[:, 3] < self.uniform
-        return Drawn(torch.where(even, texel, row * width + col), torch.where(even, pair, pairs + query))
+        return DrawnSamples(torch.where(even, texel, row * width + col), torch.where(even, pair, pairs + query))
 
     def around(self, direction: Tensor) -> tuple[Tensor, Tensor]:
-        """The pairs that directions (n,), counted as in `Drawn`, are interpolated from, and their weights: (n, k) each.
+        """The pairs around directions (n,), which are counted as in `DrawnSamples`, and their weights: (n, k) each.
 
         The radiance of a direction is the sum of weight × radiance of the pair.
         """

@@ -271,7 +271,7 @@ class _Loop:
         # The probe has a generator of its own, so that the fit's numbers do not depend on it: its seed is any other.
         generator_of_probe = torch.Generator().manual_seed(fit.seed ^ 0x0B5E)
         # A network for all materials is judged by materials that it does not learn from, where there are some.
-        if samples.trained < samples.texels:
+        if samples.trained_texels < samples.texels:
             self.probe = samples.draw_unseen(PROBE, generator_of_probe)
         else:
             self.probe = samples.draw(PROBE, generator_of_probe)

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from bench.codec import Parts
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training.grids import FACTORS, OFFSET_CHANNELS, Grids, Offset, load_grids, total
+from bench.training.grids import FACTORS, OFFSET_CHANNELS, Grids, Offset, load_grids, total_channels
 from bench.training.initial_latents import Start, first_latents
 from bench.training.inputs import Directions, direction_inputs
 from bench.training.samples import Batch, Samples
@@ -64,7 +64,7 @@ class GriddedNetwork(nn.Module):
 
 def first_grids(samples: Samples, settings: Any, start: Start, generator: torch.Generator, **more: Any) -> Grids:
     """The grids of a fit at their first latents; `more` are further arguments of `Grids`."""
-    first = first_latents(samples, total(settings), start, generator)
+    first = first_latents(samples, total_channels(settings), start, generator)
     return Grids(first, samples.shape, settings, **more)
 
 

@@ -47,7 +47,7 @@ def channels(settings: Any, offset: bool = True) -> dict[str, int]:
     return {name: count for name, count in counts.items() if count}
 
 
-def total(settings: Any) -> int:
+def total_channels(settings: Any) -> int:
     """The channels that a network sees of all grids."""
     return sum(channels(settings, offset=False).values())
 
@@ -88,9 +88,10 @@ class Grids(nn.Module):
         offset: bool = True,
         bound: Callable[[Tensor], Tensor] | None = None,
     ):
-        """Start at latents (H · W, `total`), shared out by `on_grids`; `offset=False` leaves out the offset's grid.
+        """Start at latents (H · W, `total_channels`), shared out by `on_grids`.
 
-        `bound` is applied to the free numbers: what it returns is looked up and stored.
+        `offset=False` leaves out the offset's grid. `bound` is applied to the free numbers: what it returns is looked
+        up and stored.
         """
         super().__init__()
         self.bound = bound or nn.Identity()

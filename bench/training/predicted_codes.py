@@ -31,7 +31,7 @@ Codes = NDArray[np.uint8]
 Ranges = list[tuple[NDArray[np.int32], NDArray[np.int32]]]  # of symbols (n,): frequencies below each, and its own
 Step = Callable[[Ints, Ints, Curve], Ints]  # the codes (n,) of texels and channels with some distributions
 
-FITTED = 1 << 13  # texels of a larger texture that choose
+CHOOSING_TEXELS = 1 << 13  # of a larger texture: those by whose codes its model is chosen
 TRIED_BACK = 16  # channels before a channel, whose codes are tried as its terms; a file could have `MOST_BACK`
 COST = 17.0  # bits of a term
 NUDGE = 1e-6  # of a variance, so that terms that are alike can be told apart
@@ -195,9 +195,9 @@ def _fit_model(codes: Codes, bits: Ints, canvas: Canvas) -> CodeModel:
     values = np.zeros(channels * canvas.plane, np.int32)
     for channel in range(channels):
         canvas.fill(values, channel, model.value(channel, codes[:, channel].astype(np.int64)))
-    # Texels that choose: about `FITTED`, evenly. The step is rounded up, and made odd by its lowest bit, because an
-    # even one could share factors with the width, and all would lie in a few columns.
-    every = math.ceil(count / FITTED) | 1
+    # About `CHOOSING_TEXELS`, evenly. The step is rounded up, and made odd by its lowest bit, because an even one could
+    # share factors with the width, and all would lie in a few columns.
+    every = math.ceil(count / CHOOSING_TEXELS) | 1
     choosing = np.arange(0, count, every)
     activity = np.full((1 + channels) * canvas.plane, USUAL, np.uint8)
     for channel in range(channels):

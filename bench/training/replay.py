@@ -96,7 +96,7 @@ class Drawing(TorchFunctionMode):
         return self.draws[self.count - 1]
 
     def planned(self, make: Callable[[float], FromHost], progress: float, device: torch.device) -> FromHost:
-        """What `on_host` gives."""
+        """What `on_host` gives: the memory of the device in which the step reads the tensors, and the plan."""
         self.is_making = True
         draw = self.next(make, progress)
         self.is_making = False
@@ -180,7 +180,7 @@ class Steps:
         self.optimisers = optimisers
         self.generator = generator
         self.device = device
-        self.refused: set[Hashable] = set()  # phases that cannot be recorded
+        self.refused_phases: set[Hashable] = set()  # those that cannot be recorded
         self.programs: dict[tuple[Hashable, Decisions], Program] = {}
         # How the next numbers are drawn in a phase after so many draws and these decisions.
         self.next_draw: dict[tuple[Hashable, int, Decisions], Draw] = {}
@@ -190,7 +190,7 @@ class Steps:
         the next step may overwrite."""
         self.optimisers.set_rates(rates)
         phase = self.phase(progress) if records_graphs(self.device) else None
-        if phase is None or phase in self.refused:
+        if phase is None or phase in self.refused_phases:
             return self.step(progress)
         before = self.generator.get_state()
         decisions, numbers = self._draw(phase, progress)
@@ -227,7 +227,7 @@ class Steps:
         goes_to_one = all(bool(draw.buffers) != draw.decides for draw in random_draws)
         if drawing.changed or not goes_to_one:
             log.info("steps are not replayed as a graph: the host changes random numbers")
-            self.refused.add(phase)
+            self.refused_phases.add(phase)
             return loss
         decisions: Decisions = ()
         for number, draw in enumerate(drawing.draws):
@@ -251,7 +251,7 @@ class Steps:
                 program.loss = self.step(progress)
         except RuntimeError as error:
             log.info("steps are not replayed as a graph: %s", error)
-            self.refused.add(phase)
+            self.refused_phases.add(phase)
             self.optimisers.clear()
             return False
         program.replay = graph.replay

@@ -45,7 +45,7 @@ class Samples:
         self.shape = btf.shape
         self.pairs = len(btf)
         self.texels = btf.shape[0] * btf.shape[1]
-        self.trained = self.texels  # the first texels, as many as are trained on; others are kept out, for the curve
+        self.trained_texels = self.texels  # so many are trained on, the first ones; others are for the curve
         self.wo = torch.from_numpy(btf.wo).to(fit.device)
         self.wi = torch.from_numpy(btf.wi).to(fit.device)
         if fit.density:  # the scene's directions follow those of the pairs
@@ -101,7 +101,7 @@ class Samples:
             drawn = self.density.draw(count, self.shape, generator)
             return self.seen(self._to_device(drawn.texel), self._to_device(drawn.direction))
         # One random number a sample: texel · pairs + pair.
-        flat = self._to_device(torch.randint(self.trained * self.pairs, (count,), generator=generator))
+        flat = self._to_device(torch.randint(self.trained_texels * self.pairs, (count,), generator=generator))
         return self.at(flat // self.pairs, flat % self.pairs)
 
     def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
@@ -114,7 +114,7 @@ class Samples:
 
     def draw_unseen(self, count: int, generator: torch.Generator) -> Batch:
         """Draw `count` samples of texels kept out of training."""
-        texel = self.trained + torch.randint(self.texels - self.trained, (count,), generator=generator)
+        texel = self.trained_texels + torch.randint(self.texels - self.trained_texels, (count,), generator=generator)
         return self.draw_at(self._to_device(texel), generator)
 
     def mean(self, generator: torch.Generator) -> Tensor:

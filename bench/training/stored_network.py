@@ -21,8 +21,8 @@ WeightPrecision = Literal["float32", "half", "int8"]
 
 BEARABLE = 0.03  # share of the fit's squared error that the rounding of all weights may add
 MIDDLE = 2 ** (MOST_BITS - 1)  # the code of a weight of 0
-PROBED = 8  # a matrix is rounded in steps this many times its least one, to see what error a step adds
-MOST = MIDDLE - 1  # the most steps of a weight
+PROBED_STEPS = 8  # a matrix is rounded in steps this many times its least one, to see what error a step adds
+MOST_STEPS = MIDDLE - 1  # the most steps of a weight
 STEPS = "stored_steps"  # the buffer of a network with the step of each of its matrices; 0: not chosen
 
 
@@ -106,13 +106,13 @@ def choose_steps(networks: Iterable[nn.Module], answers: Callable[[], Tensor], t
         for place, matrix in enumerate(matrices):
             exact_matrix = matrix.clone()
             least = _least_step(matrix)
-            probed_step = least * PROBED
+            probed_step = least * PROBED_STEPS
             matrix.copy_(_codes(matrix, probed_step) * probed_step)
             error = (answers() - exact).square().mean()
             matrix.copy_(exact_matrix)
             share = bearable * matrix.numel() / count
             step = probed_step * (share / error.clamp_min(1e-30)).sqrt()
-            steps[place] = step.clamp(least, least * MOST)
+            steps[place] = step.clamp(least, least * MOST_STEPS)
 
 
 @contextmanager
@@ -153,12 +153,12 @@ def _steps(network: nn.Module, matrices: Sequence[Tensor]) -> Tensor:
 def _least_step(matrix: Tensor) -> Tensor:
     """The step () that makes the largest weight of a matrix the last code."""
     # A matrix of zeros has the least step that is no zero, because weights are divided by it.
-    return (matrix.detach().abs().amax() / MOST).clamp_min(torch.finfo(torch.float32).tiny)
+    return (matrix.detach().abs().amax() / MOST_STEPS).clamp_min(torch.finfo(torch.float32).tiny)
 
 
 def _codes(matrix: Tensor, step: Tensor) -> Tensor:
     """The weights of a matrix (rows, columns) in whole steps."""
-    return (matrix.detach() / step).round().clamp(-MOST, MOST)
+    return (matrix.detach() / step).round().clamp(-MOST_STEPS, MOST_STEPS)
 
 
 def _sizes(matrices: Sequence[Tensor]) -> list[tuple[int, int]]:

@@ -24,8 +24,9 @@ Bits = Literal[0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 32]  # of a stored number, on aver
 
 VERSION = 4  # part of the version of every codec: raise it if the codes or the choice of bits change
 BEARABLE = 0.015  # share of the fit's squared error that rounding may add, if the fit chooses the bits
-PROBED = 4  # bits to which a channel is rounded alone, to measure the error that this adds; 0 if channels may have none
-MEASURED = 1 << 16  # texels of larger textures whose rounding is measured
+# Bits to which a channel is rounded alone, to measure the error that this adds; 0 if channels may have none.
+PROBED_BITS = 4
+MEASURED_TEXELS = 1 << 16  # texels of larger textures whose rounding is measured
 RANGES = 29  # number of tried shares of a channel's range, from 0.3 to 1: smaller ones round finer and clip more
 
 
@@ -146,7 +147,7 @@ def _added_errors(
     to grow with the square of the change of the texture.
     """
     # Where a channel may become its mean, this is tried: a channel of two values would lose nothing by 4 bits.
-    probed_bits = PROBED if least else 0
+    probed_bits = PROBED_BITS if least else 0
     change = _change(values, probed_bits)
     changes_of_answers: list[Tensor] = []  # mean squared, of each channel
     for channel in range(values.shape[-1]):
@@ -156,7 +157,7 @@ def _added_errors(
         changes_of_answers.append((answers() - exact).square().mean())
     rounding.trial = None
     texels = values.flatten(0, -2)  # (N, C)
-    every = math.ceil(len(texels) / MEASURED)  # rounded up, so that at most `MEASURED` texels are left, evenly spread
+    every = math.ceil(len(texels) / MEASURED_TEXELS)  # rounded up, so that at most so many are left, evenly spread
     some = texels[::every]
     # (C, n): the mean squared change of each channel with each number of bits.
     changes = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)

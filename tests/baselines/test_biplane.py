@@ -127,7 +127,7 @@ def test_the_training_sees_each_material_at_its_own_pairs() -> None:
 def test_the_decoder_learns_nothing_from_what_is_kept_for_the_curve() -> None:
     seen, unseen = others(tiny_btf())[:2]
     pool, settings = Pool([seen], 10, Fit(unseen=[unseen])), BiplaneNetwork(batch=64).settings
-    assert (pool.texels, pool.trained) == (20, 10)
+    assert (pool.texels, pool.trained_texels) == (20, 10)
     gradients = []
     for scale in (1, 5):
         generator = torch.Generator().manual_seed(0)

@@ -118,7 +118,7 @@ def test_without_a_declared_held_out_pair_training_pairs_are_asked() -> None:
 def test_the_training_is_watched_on_what_it_does_not_see() -> None:
     seen, unseen = others(tiny_btf())[:2]
     pool = Pool([seen], canonical_pairs(), 10, Fit(unseen=[unseen]))
-    assert (pool.texels, pool.trained) == (20, 10)
+    assert (pool.texels, pool.trained_texels) == (20, 10)
     generator = torch.Generator().manual_seed(0)
     assert pool.draw_unseen(100, generator).texel.min() == 10
     objective = Rainer2020Objective(pool, network().settings, Fit())

@@ -38,7 +38,7 @@ def installed(tmp_path, monkeypatch):
     """Installs modules as a package of metrics, and forgets all metrics of earlier ones."""
 
     def forget():
-        for cached in (outside._entries, outside._imported, metrics.find, metrics._member):
+        for cached in (outside._entries, outside._imported_or_error, metrics.find, metrics._member):
             cached.cache_clear()
 
     def make(source, name="dark", package="shades"):

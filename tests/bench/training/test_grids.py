@@ -7,7 +7,7 @@ import torch
 
 from bench.inputs.errors import InputError
 from bench.material import sample_texture, texel_centres
-from bench.training.grids import Grids, GridSettings, Offset, channels, load_grids, size_of, total
+from bench.training.grids import Grids, GridSettings, Offset, channels, load_grids, size_of, total_channels
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ def test_channels_are_those_of_the_settings() -> None:
     assert channels(Settings()) == {"latents": 2}
     assert channels(Settings(half=3, quarter=5, offset=16)) == {"latents": 2, "latents2": 3, "latents4": 5, "offset": 4}
     assert channels(Settings(latents=0, quarter=5, offset=16), offset=False) == {"latents4": 5}
-    assert total(Settings(half=3, quarter=5, offset=16)) == 10
+    assert total_channels(Settings(half=3, quarter=5, offset=16)) == 10
 
 
 def test_incomplete_points_at_the_edges_count() -> None:
@@ -39,7 +39,7 @@ def test_incomplete_points_at_the_edges_count() -> None:
 @pytest.mark.parametrize("shape", [(8, 8), (9, 6), (1, 5)])
 def test_a_file_holds_the_rounded_grids(shape: tuple[int, int]) -> None:
     settings = Settings(half=3, quarter=5, offset=16)
-    grids = Grids(numbers(shape, total(settings)), shape, settings, offset=True)
+    grids = Grids(numbers(shape, total_channels(settings)), shape, settings, offset=True)
     for name, values in grids.values.items():
         grids.roundings[name].set(values.detach(), torch.full((values.shape[-1],), 4))
     found = load_grids(grids.stored(), settings, shape, offset=True)
