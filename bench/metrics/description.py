@@ -41,12 +41,12 @@ class Metric:
     def load(self) -> "SliceMetric":
         """Import the metric and make it. `PluginError` if it is of another package and that fails."""
         if not self.called:
-            return self._made()
+            return self._make()
         from bench.metrics.guarded import guarded
 
-        return guarded(self._made, self.called)
+        return guarded(self._make, self.called)
 
-    def _made(self) -> "SliceMetric":
+    def _make(self) -> "SliceMetric":
         """Import the class that `target` names, and make it with `options`."""
         module, _, name = self.target.partition(":")
         instance: SliceMetric = getattr(importlib.import_module(module), name)(**self.options)

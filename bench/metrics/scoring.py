@@ -297,11 +297,11 @@ def footprint_errors(
     for pair in np.asarray(pairs).tolist():
         truth = btf[pair]
         decoded = decode(pair, list(errors))
-        for factor, squared in errors.items():
+        for factor, errors_of_factor in errors.items():
             coarse_truth = box_filter(truth, factor)
             test = _decoded(decoded[factor], coarse_truth.shape, f"pair {pair} at footprint {factor}")
-            squared.append(display_error(coarse_truth, test, exposure))
-    return {factor: np.array(squared) for factor, squared in errors.items()}
+            errors_of_factor.append(display_error(coarse_truth, test, exposure))
+    return {factor: np.array(errors_of_factor) for factor, errors_of_factor in errors.items()}
 
 
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, Statistics]:

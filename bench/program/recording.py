@@ -163,16 +163,16 @@ class _Recorder:
         arguments = [self._argument(value) for value in node.args]
         if operation in SAME:
             # A constant is made contiguous, since a view that follows a copy may need the copy's order in memory.
-            value = arguments[0]
-            self.values[node.name] = value.contiguous() if isinstance(value, Tensor) else value
+            source = arguments[0]
+            self.values[node.name] = source.contiguous() if isinstance(source, Tensor) else source
         elif operation == "getitem":
             # Several results are known as a list of values, or by one name, with a point and the number of each.
             source, number = arguments
             is_several = isinstance(source, (list, tuple))
             self.values[node.name] = source[number] if is_several else f"{source}.{number}"
         elif operation == "full_like":  # depends only on the shape
-            value = node.meta["val"]
-            self.values[node.name] = torch.full(tuple(value.shape), arguments[1], dtype=value.dtype)
+            result = node.meta["val"]
+            self.values[node.name] = torch.full(tuple(result.shape), arguments[1], dtype=result.dtype)
         elif not _any_named(arguments):
             options = {key: self._argument(value) for key, value in node.kwargs.items()}
             self.values[node.name] = target(*arguments, **options)
@@ -181,26 +181,26 @@ class _Recorder:
 
     def _add(self, node: torch.fx.Node, operation: str, arguments: list[Any]) -> None:
         """Note a node as a step, or as several if it splits a tensor. `InputError` for what a program cannot hold."""
-        value = node.meta["val"]
+        result = node.meta["val"]
         if operation == "embedding_bag_forward_only":
             table, index, offsets, _, mode, _, *weights = arguments
             if mode != 0:
                 raise InputError("an embedding bag that is not a sum")
             arguments = [table, index, len(offsets), *weights[:1]]
-            value = value[0]
-            self.values[node.name] = [node.name]  # of its several results only the first, the sums, may be used
+            result = result[0]  # of its several results only the first, the sums, may be used
+            self.values[node.name] = [node.name]
         elif operation in ("split_with_sizes", "split", "unbind"):
             self._add_split(node, operation, arguments)
             return
         else:
             self.values[node.name] = node.name
-        if not isinstance(value, Tensor):
+        if not isinstance(result, Tensor):
             raise InputError(f"{operation} gives several tensors")
         # These say only how a tensor is stored; any other option would change its values.
         foreign = set(node.kwargs) - {"dtype", "layout", "device", "memory_format", "pin_memory"}
         if foreign:
             raise InputError(f"{operation} with {min(foreign)}")
-        self._add_step(node.name, operation, arguments, value)
+        self._add_step(node.name, operation, arguments, result)
 
     def _add_step(self, name: str, operation: str, arguments: list[Any], result: Tensor) -> None:
         """Add a step whose result has the shape and type of `result`; its constants are kept under names."""

@@ -35,9 +35,9 @@ def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | 
     those of the pictures whose texels codes (N, C) are; without them no neighbours predict such codes. If a channel has
     no bits, `expand` refuses more than `MOST_CODES` codes in all.
     """
-    stored = [channel for channel, count in enumerate(bits) if count]  # the channels of one bit or more
-    if stored:
-        way, payload = _shortest(codes[..., stored], [bits[channel] for channel in stored], sizes)
+    with_bits = [channel for channel, count in enumerate(bits) if count]  # the channels of one bit or more
+    if with_bits:
+        way, payload = _shortest(codes[..., with_bits], [bits[channel] for channel in with_bits], sizes)
     else:
         way, payload = PACKED, b""
     return torch.frombuffer(bytearray([way, *bits]) + payload, dtype=torch.uint8)
@@ -98,17 +98,17 @@ def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] 
     payload = data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or (bits > MOST_BITS).any():
         raise InputError("a texture of this file does not say its bits: encode it again")
-    stored = bits > 0  # a mask of the channels that have codes in the payload
-    inner = (*shape[:-1], int(stored.sum()))  # the shape of these codes
+    has_codes = bits > 0  # a mask of the channels that have codes in the payload
+    inner = (*shape[:-1], int(has_codes.sum()))  # the shape of these codes
     # Channels of no bits take no bytes, so where there are some, a payload justifies only a fixed number of codes.
-    most = _most_codes(way, payload) if stored.all() else MOST_CODES
+    most = _most_codes(way, payload) if has_codes.all() else MOST_CODES
     if min(shape) < 1 or count > most or math.prod(inner) > _most_codes(way, payload):
         raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")
-    if stored.all():
+    if has_codes.all():
         return _expanded(way, payload, bits, inner, sizes)
     codes = torch.zeros(tuple(shape))
-    if stored.any():
-        codes[..., torch.from_numpy(stored)] = _expanded(way, payload, bits[stored], inner, sizes)
+    if has_codes.any():
+        codes[..., torch.from_numpy(has_codes)] = _expanded(way, payload, bits[has_codes], inner, sizes)
     return codes
 
 
