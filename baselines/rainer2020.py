@@ -210,8 +210,8 @@ class Resampler(torch.nn.Module):
 class Pool(Samples):
     """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at `TARGET_PAIRS` pairs to answer for.
 
-    Those of `fit.unseen` come last, from texel `trained_texels` on, for the curve. Pair p of texel t has the decoder's inputs
-    `coordinates[material[t], p]`.
+    Those of `fit.unseen` come last, from texel `trained_texels` on, for the curve. Pair p of texel t has the decoder's
+    inputs `coordinates[material[t], p]`.
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most_texels: int, fit: Fit):

@@ -308,7 +308,8 @@ class ReliefObjective(Objective):
             self.relief = Surface(in_steps(height), renewable=settings.refine and records_graphs(fit.device))
             slices = partial(rectified, self.samples, height)  # takes the pairs
         self.surface_moved = False  # whether the marched surface differs from the first one
-        latents = first_latents(self.samples, total_channels(settings), settings.start, generator, slices)  # (H · W, channels)
+        # (H · W, channels)
+        latents = first_latents(self.samples, total_channels(settings), settings.start, generator, slices)
         self.grids = Grids(latents, self.samples.shape, settings, offset=not has_height)
 
     def moves_height(self, progress: float) -> bool:
