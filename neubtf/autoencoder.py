@@ -29,6 +29,7 @@ from torch.nn import functional
 from bench.codecs import container
 from bench.inputs.errors import InputError
 from bench.metrics.display import LOG_SCALE
+from bench.training.grids import OFFSET_CHANNELS
 from bench.training.stored_network import load_vector, to_vector
 
 STRIDE = 4  # texels a cell of the bottleneck; the grid of cells begins at texel (0, 0)
@@ -280,7 +281,10 @@ def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
         raise InputError(f"{path}: its codec is {header.codec}: only neubtf makes textures from guidance images")
     if not parts.encoder:
         raise InputError(f"{path}: it holds no autoencoder: encode the material again, with --set keep_encoder=true")
-    return load_encoder(parts.encoder, header.settings["latents"]), parts.encoder["guidance"]
+    channels = header.settings["latents"]
+    if header.settings.get("offset"):
+        channels += OFFSET_CHANNELS
+    return load_encoder(parts.encoder, channels), parts.encoder["guidance"]
 
 
 def displayed(log_radiance: Tensor) -> Tensor:

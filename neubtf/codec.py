@@ -14,9 +14,14 @@ from torch import Tensor
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.errors import InputError
 from bench.material import Material
-from bench.training import Samples, gain_of, round_after, store_texture, train
-from bench.training.stored_network import store_network
+from bench.training import Decoder, Rounding, Samples, gain_of, load_texture, store_texture, train
+from bench.training.fitting import better_start
+from bench.training.gridded import DirectedGriddedMaterial, GriddedNetwork
+from bench.training.grids import OFFSET_CHANNELS, size_of
+from bench.training.stored_network import load_network, store_network
+from bench.training.stored_texture import choose_bits
 from neubtf.autoencoder import (
     STRIDE,
     Autoencoder,
@@ -28,8 +33,8 @@ from neubtf.autoencoder import (
     store_encoder,
 )
 from neubtf.published import PAPER, Published
-from neubtf.renderer import load
-from neubtf.training import Staged, StagedSettings, slice_of
+from neubtf.renderer import load, on_grids
+from neubtf.training import Guided, Staged, StagedSettings, slice_of
 
 TELLING = 0.1  # least contrast of the guidance, as a share of the best slice's
 TRIED = 64  # slices to search for the best
@@ -65,36 +70,75 @@ class NeuBTF(Codec):
 
         So a file that keeps the encoder gives the same texture again.
         """
-        gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
+        gain, settings = gain_of(btf, fit), self.settings
         samples = Samples(btf, gain, fit)
         guiding_slice = displayed(slice_of(samples, guiding_pair(samples)))  # (1, 3, H, W)
         guidance = as_guidance(eight_bits(guiding_slice))  # rounded as in a file
-        autoencoder = Autoencoder(settings.latents, generator, rectified=settings.recipe == "paper")
-        encoder = Encoder.for_guidance(guidance, autoencoder)
         objective = Published if settings.recipe == "paper" else Staged
-        fitting = objective(samples, settings, encoder, guidance, generator)
+
+        def made(start: Fit) -> Guided:
+            """The objective as it is before the first step."""
+            generator = start.generator()
+            autoencoder = Autoencoder(settings.channels, generator, rectified=settings.recipe == "paper")
+            encoder = Encoder.for_guidance(guidance, autoencoder)
+            return objective(samples, settings, encoder, guidance, generator)
+
+        if settings.offset:
+            fit = better_start(made, fit, settings.steps)
+        fitting = made(fit)
         train(fitting, fit, settings.steps)
         if isinstance(fitting, Published):
             guidance = fitting.best_guidance(fit)
-        encoder_tensors = store_encoder(encoder, eight_bits(guidance))
-        texture = texture_of(encoder_tensors, settings.latents, fit.device)
+        encoder_tensors = store_encoder(fitting.encoder, eight_bits(guidance))
+        texture = texture_of(encoder_tensors, settings.channels, fit.device)
         batch = samples.draw(settings.batch, fit.generator())
 
-        def answers(texture: Tensor) -> Tensor:
-            """Log radiance (n, 3) of the renderer at random samples for a texture (H, W, D)."""
-            return fitting.rendered(texture.flatten(0, 1), batch.texel, batch.pair)
+        grids = on_grids(texture, settings.latents)
+        roundings = {name: Rounding(grid.shape[2], settings.bits).to(fit.device) for name, grid in grids.items()}
 
-        rounding = round_after(texture, settings.bits, answers, batch.target)
+        def answers() -> Tensor:
+            """Log radiance (n, 3) of the renderer at random samples, of the grids as they are rounded."""
+            as_rounded = {name: roundings[name](grid) for name, grid in grids.items()}
+            return fitting.rendered_from(as_rounded, batch.texel, batch.pair)
+
+        choose_bits([*roundings.values()], answers, batch.target)
+        stored_texture: dict[str, Tensor] = {}
+        for name, grid in grids.items():
+            stored_texture |= store_texture(name, grid, roundings[name])
+        other = {"gain": torch.tensor([gain])}
+        if settings.offset:
+            other["size"] = torch.tensor(samples.shape, dtype=torch.int32)
         return Parts(
             decoder=store_network(fitting.renderer, settings.weights),
-            texture=store_texture("latents", texture, rounding),
+            texture=stored_texture,
             encoder=encoder_tensors if settings.keep_encoder else {},
-            other={"gain": torch.tensor([gain])},
+            other=other,
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device; the encoder, if there is one, is not needed."""
-        return load(parts, self.settings).to(device)
+        settings = self.settings
+        material = load_moving(parts, settings) if settings.offset else load(parts, settings)
+        return material.to(device)
+
+
+def load_moving(parts: Parts, settings: StagedSettings) -> DirectedGriddedMaterial:
+    """The material of a file with an offset, whose texture may be of another size than that of the fit.
+
+    A depth moves a look-up by as many texels as in the fit. `InputError` if the sizes of the grids contradict each
+    other.
+    """
+    grids = {name: load_texture(name, parts.texture) for name in ("latents", "offset")}
+    height, width, _ = grids["latents"].shape
+    if grids["offset"].shape != (*size_of("offset", (height, width)), OFFSET_CHANNELS):
+        raise InputError(f"grid offset of this file does not fit {height} × {width} texels: encode it again")
+    fitted_height, fitted_width = parts.other["size"].tolist()
+    network = GriddedNetwork(Decoder(settings.architecture), settings, (fitted_height, fitted_width))
+    load_network(network, parts.decoder)
+    assert network.offset is not None
+    network.offset.periods.mul_(torch.tensor([fitted_width / width, fitted_height / height]))
+    gain = float(parts.other["gain"])
+    return DirectedGriddedMaterial(network, grids, settings.architecture.flops, gain, settings.directions)
 
 
 @torch.no_grad()

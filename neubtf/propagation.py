@@ -20,6 +20,7 @@ from bench.training.stored_texture import store_alike
 from neubtf.autoencoder import HALO, STRIDE, Encoder, Pooled, read_encoder, rounded_up, surrounded
 from neubtf.codec import NeuBTF
 from neubtf.guidance import Treatment, read_guidance
+from neubtf.renderer import on_grids
 
 TILE = 384  # texels a side, without the halo; a multiple of the stride
 
@@ -53,13 +54,15 @@ class FittedMaterial:
         return self.parts.other["gain"].item() / LOG_SCALE
 
     def guided(self, texture: Tensor) -> tuple[NeuBTF, Parts]:
-        """The codec and the parts of a file of this material with another neural texture (H, W, D).
+        """The codec and the parts of a file of this material with another neural texture (H, W, C).
 
         The file has no encoder, and is of no scene: the new texture is fitted to none.
         """
         codec = NeuBTF(**self.header.settings | {"keep_encoder": False, "scene": False})
-        texture_tensors = store_alike("latents", texture, self.parts.texture)
-        return codec, replace(self.parts, texture=texture_tensors, encoder={})
+        stored_texture: dict[str, Tensor] = {}
+        for name, grid in on_grids(texture, codec.settings.latents).items():
+            stored_texture |= store_alike(name, grid, self.parts.texture)
+        return codec, replace(self.parts, texture=stored_texture, encoder={})
 
 
 def propagate(
@@ -82,7 +85,7 @@ def propagate(
 
 @torch.no_grad()
 def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: int = TILE) -> Tensor:
-    """The neural texture (H, W, D) of a guidance image (1, 3, H, W), made in tiles of `tile` texels a side.
+    """The neural texture (H, W, C) of a guidance image (1, 3, H, W), made in tiles of `tile` texels a side.
 
     Within rounding it is that of `encoder(guidance)`.
     """

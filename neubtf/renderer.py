@@ -9,11 +9,14 @@ from typing import Literal
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from bench.codec import Parts
 from bench.inputs.settings import Layers, Positive, Width
 from bench.training import Bits, TextureMaterial, load_texture
 from bench.training.decoder import Architecture, Decoder
+from bench.training.gridded import DirectedGriddedMaterial
+from bench.training.grids import size_of
 from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.stored_network import load_network
 
@@ -51,6 +54,19 @@ def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor, direction
     return renderer(torch.cat([latents, *direction_inputs(wo, wi, directions)], 1))
 
 
+def on_grids(texture: Tensor, latents: int) -> dict[str, Tensor]:
+    """The grids (h, w, C) by name of what an autoencoder makes, a texture (H, W, C) of as many latents.
+
+    Further channels are those that the offset's network reads; their means make a grid of a quarter of the resolution.
+    """
+    if texture.shape[2] == latents:
+        return {"latents": texture}
+    of_offset = texture[..., latents:].movedim(-1, 0)  # (C, H, W), as pooling takes it
+    height, width, _ = texture.shape
+    means = functional.adaptive_avg_pool2d(of_offset, size_of("offset", (height, width)))
+    return {"latents": texture[..., :latents], "offset": means.movedim(0, -1)}
+
+
 def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
     """The material of a file: the renderer's weights, the neural texture (H, W, D), the gain of its log radiance."""
     renderer = load_network(Decoder(settings.architecture), parts.decoder)
@@ -59,4 +75,7 @@ def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
 
 
 class NeuBTFMaterial(TextureMaterial):
-    """The decoded material of every NeuBTF file, and of no other."""
+    """The decoded material of every NeuBTF file of one texture, and of no other."""
+
+
+Decoded = NeuBTFMaterial | DirectedGriddedMaterial  # what a NeuBTF file decodes to: one texture, or with an offset

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.metrics.display import LOG_SCALE, to_display
 from neubtf.autoencoder import STRIDE
-from neubtf.renderer import NeuBTFMaterial
+from neubtf.renderer import Decoded
 
 Array = np.ndarray
 FRONTAL = np.array([[[0.0, 0, 1], [0, 0, 1]]])  # only the pair along the normal
@@ -26,7 +26,7 @@ class Seam(NamedTuple):
     of_largest: float
 
 
-def seam_of(material: NeuBTFMaterial, pairs: Array) -> tuple[Seam, Seam]:
+def seam_of(material: Decoded, pairs: Array) -> tuple[Seam, Seam]:
     """The seam at the left–right, and at the top–bottom border of a material.
 
     `pairs` (n, 2, 3) are wo and wi of the slices over which gradients are means.

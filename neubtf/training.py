@@ -11,14 +11,15 @@ A step of the last two shows the encoder a random slice, disturbed, in a random 
 
 import bisect
 from collections.abc import Hashable
-from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from bench.inputs.errors import InputError
-from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
+from bench.inputs.settings import IF_SET, BatchSize, Natural, NotNegative, Positive, Range, Share
+from bench.material import sample_texture
 from bench.training import (
     Batch,
     Decoder,
@@ -34,9 +35,12 @@ from bench.training import (
     on_host,
     phase_by_halves,
 )
+from bench.training.gridded import GriddedNetwork
+from bench.training.grids import OFFSET_CHANNELS, Further
+from bench.training.samples import centres
 from neubtf.augmentation import Crop, Disturbance, draw_scale
 from neubtf.autoencoder import STRIDE, Encoder, displayed
-from neubtf.renderer import RendererSettings, render
+from neubtf.renderer import RendererSettings, on_grids, render
 
 # How many groups of parameters are the encoder's; they come before those of the renderer and the texture.
 ENCODER_GROUPS = {"adam": 1, "muon": 2}
@@ -73,13 +77,22 @@ class StagedSettings(NetworkSettings, RendererSettings):
     saturation: NotNegative = 1.0  # largest change of an input's saturation, which is multiplied by 1 less to 1 more
     blur: NotNegative = 1.0  # largest blur of an input, σ in texels
     noise: NotNegative = 0.05  # largest noise of an input, σ
+    offset: Further = field(default=0, metadata=IF_SET)  # "ours": hidden channels of what moves look-ups along the view
     keep_encoder: bool = False  # store the autoencoder, for new textures
     recipe: Literal["ours", "paper"] = "ours"  # "paper": as published, see docs/neubtf.md, but for `texel_pairs`
 
+    @property
+    def channels(self) -> int:
+        """The channels of the texture: the latents, then those that the offset's network reads."""
+        return self.latents + (OFFSET_CHANNELS if self.offset else 0)
+
     def __post_init__(self) -> None:
-        """Raise `InputError` if no steps are left for the last stage, or if there is no texture to teach."""
+        """Raise `InputError` if no steps are left for the last stage, if there is no texture to teach, or for an offset
+        by the paper's recipe."""
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
             raise InputError("codec neubtf needs direct + taught below 1, and direct above 0 if taught is above 0")
+        if self.offset and self.recipe == "paper":
+            raise InputError("codec neubtf has no offset by recipe=paper: leave out one of both settings")
 
 
 class Example(NamedTuple):
@@ -109,8 +122,11 @@ class Guided(Objective):
         """
         super().__init__(samples, settings)
         self.encoder = encoder
-        self.renderer = Decoder(settings.architecture, generator)
-        self.renderer.start_at(samples.mean(generator), everywhere=settings.init == "faint")
+        renderer = Decoder(settings.architecture, generator)
+        renderer.start_at(samples.mean(generator), everywhere=settings.init == "faint")
+        self.renderer: Any = renderer
+        if settings.offset:
+            self.renderer = GriddedNetwork(renderer, settings, samples.shape, generator)
         self.disturbance = Disturbance(settings.hue, settings.saturation, settings.blur, settings.noise)
         self.guidance = nn.Buffer(guidance, persistent=False)
 
@@ -129,10 +145,45 @@ class Guided(Objective):
         latents = by_texel(self.encoder(self.guidance))
         return self.rendered(latents, batch.texel, batch.pair)
 
-    def rendered(self, latents: Tensor, texel: Tensor, pair: Tensor) -> Tensor:
-        """Log radiance (n, 3) of some texels (n,) of latents (H · W, D), each at one pair (n,)."""
+    def rendered(self, texture: Tensor, texel: Tensor, pair: Tensor, window: Crop | None = None) -> Tensor:
+        """Log radiance (n, 3) of some texels (n,) of a texture (H · W, C), each at one pair (n,).
+
+        The texture, and the numbers of its texels, are those of a window, or of the whole picture.
+        """
+        size = window.size if window else self.samples.shape
+        grids = on_grids(texture.unflatten(0, size), self.settings.latents)
+        return self.rendered_from(grids, texel, pair, window)
+
+    def rendered_from(
+        self, grids: dict[str, Tensor], texel: Tensor, pair: Tensor, window: Crop | None = None
+    ) -> Tensor:
+        """As `rendered`, of the grids (h, w, C) of a texture."""
         wo, wi = self.samples.wo[pair], self.samples.wi[pair]
-        return render(self.renderer, latents.index_select(0, texel), wo, wi, self.settings.directions)
+        if "offset" in grids:
+            latents = self._fetched(grids, texel, wo, window)
+        else:
+            latents = grids["latents"].flatten(0, 1).index_select(0, texel)
+        return render(self.renderer, latents, wo, wi, self.settings.directions)
+
+    def _fetched(self, grids: dict[str, Tensor], texel: Tensor, wo: Tensor, window: Crop | None) -> Tensor:
+        """The latents (n, D) at texels (n,), looked up where the offset moves them for views wo (n, 3).
+
+        A depth moves by as many texels in a window of any scale, because a photograph that guides later has an unknown
+        scale.
+        """
+        picture = self.samples.shape
+        size, repeats = (window.size, window.whole) if window else (picture, (True, True))
+        uv = centres(texel, size)
+        still = torch.zeros_like(uv)
+        moves = self.renderer.offset.moved(still, sample_texture(grids["offset"], uv), wo)  # in sides of the picture
+        moved_uv = []
+        for axis, centre, move in zip((1, 0), uv.unbind(1), moves.unbind(1), strict=True):  # u along columns, v rows
+            place = centre + move * (picture[axis] / size[axis])
+            if not repeats[axis]:  # beyond the window its border continues
+                margin = 0.5 / size[axis]
+                place = place.clamp(margin, 1 - margin)
+            moved_uv.append(place)
+        return sample_texture(grids["latents"], torch.stack(moved_uv, 1))
 
     def averaged(self, texels: Tensor, weights: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (…, 3) of weighted means over texels (…, k), at pairs (…); the axes before k are broadcast."""
@@ -165,6 +216,8 @@ class Staged(Guided):
         super().__init__(samples, settings, encoder, guidance, generator)
         if settings.start == "components":
             texture = first_latents(samples, settings.latents, "components", generator)
+            if settings.offset:  # components that separate texels also separate heights
+                texture = torch.cat([texture, texture[:, :OFFSET_CHANNELS]], 1)
         else:
             with torch.no_grad():  # the encoder's output for the guidance is near textures that it can learn
                 texture = by_texel(encoder(guidance)).contiguous()
@@ -271,7 +324,7 @@ class Staged(Guided):
         pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device, non_blocking=True)
         index, weight = example.window.taps(texel)  # (n, k), of the window's source
         truth = self.averaged(example.texels[index], weight, pair)
-        loss = distance(self.rendered(latents, texel, pair), truth, self.settings.loss)
+        loss = distance(self.rendered(latents, texel, pair, example.window), truth, self.settings.loss)
         return self.settings.explore_weight * loss if example.of_slice else loss
 
 

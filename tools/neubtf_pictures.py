@@ -47,7 +47,7 @@ from neubtf import latents, propagation
 from neubtf.codec import NeuBTF
 from neubtf.guidance import RADIANCE, Treatment, guidance_of
 from neubtf.propagation import FittedMaterial
-from neubtf.renderer import NeuBTFMaterial
+from neubtf.renderer import Decoded
 from neubtf.seam import seam_of
 
 Array = np.ndarray
@@ -129,12 +129,12 @@ def heldout(btf: BTF) -> Array:
     return pairs[:: math.ceil(len(pairs) / MOST_PAIRS)]
 
 
-def guided(source: FittedMaterial, picture: Array, treatment: Treatment) -> NeuBTFMaterial:
+def guided(source: FittedMaterial, picture: Array, treatment: Treatment) -> Decoded:
     """The material of a fit with the texture that a linear picture (H, W, 3) gives."""
     image, _ = guidance_of(picture, treatment, source.guidance, source.exposure)
     codec, parts = source.guided(propagation.textured(source.encoder, image))
     material = codec.decode(parts, torch.device("cpu"))
-    assert isinstance(material, NeuBTFMaterial)
+    assert isinstance(material, Decoded)
     return material
 
 
@@ -144,7 +144,7 @@ def frontal(btf: BTF) -> Array:
     return btf[int((trained.wo[:, 2] + trained.wi[:, 2]).argmax())]
 
 
-def psnr_of_parts(btf: BTF, material: NeuBTFMaterial) -> list[float]:
+def psnr_of_parts(btf: BTF, material: Decoded) -> list[float]:
     """Pooled display PSNR in dB: of the quarter that was seen, of the rest, and, on the rest, of the mean ABRDF of the
     quarter."""
     shown = exposure(btf)
@@ -402,14 +402,18 @@ def draw_latents(bench: Bench) -> None:
 
 
 def draw_failure(bench: Bench) -> None:
-    """Relief so strong that it hides itself: NeuBTF without parallax against NeuMIP, which shifts its texels."""
+    """Relief so strong that it hides itself: NeuBTF without parallax and with an offset, and NeuMIP, which has one."""
     btf = bench.btf(FAILING, SMALL)
-    codecs = [load_codec(name)(steps=2_500) for name in ("neubtf", "neumip")]
-    files = {codec.name: bench.file(btf.subset(btf.split().train), codec, FAILING, str(SMALL)) for codec in codecs}
+    codecs = {name: load_codec(name)(steps=2_500) for name in ("neubtf", "neumip")}
+    codecs["neubtf, offset=32"] = NeuBTF(steps=2_500, offset=32)
+    files = {}
+    for name, codec in codecs.items():
+        kind = f"{SMALL}-moving" if "offset" in name else str(SMALL)  # in the name of the file
+        files[name] = bench.file(btf.subset(btf.split().train), codec, FAILING, kind)
     materials = {name: loading.load(path).material for name, path in files.items()}
     by_ring = {name: _by_ring(btf, material) for name, material in materials.items()}
     _print_rings(by_ring)
-    figure = Figure(figsize=(8, 8.6), layout="constrained")
+    figure = Figure(figsize=(10.6, 9), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=[1, 2])
     sizes = {name: path.stat().st_size for name, path in files.items()}
     _draw_rings(top, {f"{name}, {sizes[name] / 1e3:.0f} kB": rings for name, rings in by_ring.items()})
@@ -441,10 +445,10 @@ def _by_ring(btf: BTF, material: Material) -> list[Ring]:
 
 
 def _draw_rings(place: Any, by_label: Mapping[str, Sequence[Ring]]) -> None:
-    """Draw two panels, PSNR and SSIM by angle of view, with a curve for each of two codecs."""
+    """Draw two panels, PSNR and SSIM by angle of view, with a curve for each of three codecs."""
     panels: Any = place.subplots(1, 2)
     for axes, what, field in zip(panels, ("display PSNR, dB", "SSIM"), ("psnr", "ssim"), strict=True):
-        for (label, rings), style in zip(by_label.items(), ("o-", "s--"), strict=True):
+        for (label, rings), style in zip(by_label.items(), ("o-", "s--", "^:"), strict=True):
             axes.plot(np.arange(len(rings)) * 15 + 7.5, [getattr(ring, field) for ring in rings], style, label=label)
         axes.set_xlabel("angle of view θₒ in degrees", fontsize=LARGE)
         axes.set_title(what, fontsize=LARGE)

@@ -158,10 +158,16 @@ class Samples:
         return torch.stack([self._log(picture).reshape(-1, 3) for picture in chosen], 1).to(self.device)
 
     def centres(self, texel: Tensor) -> Tensor:
-        """uv (n, 2) of the centres of some texels (n,); see `bench.btf` for the frame."""
-        height, width = self.shape
-        row = texel.div(width, rounding_mode="floor")
-        return torch.stack([(texel - row * width + 0.5) / width, 1 - (row + 0.5) / height], 1)
+        """uv (n, 2) of the centres of some texels (n,)."""
+        return centres(texel, self.shape)
+
+
+def centres(texel: Tensor, shape: tuple[int, int]) -> Tensor:
+    """uv (n, 2) of the centres of some texels (n,), row · W + column, of a picture (H, W); see `bench.btf` for the
+    frame."""
+    height, width = shape
+    row = texel.div(width, rounding_mode="floor")
+    return torch.stack([(texel - row * width + 0.5) / width, 1 - (row + 0.5) / height], 1)
 
 
 def _filled_tables(levels: dict[int, Samples], pictures: Iterable[np.ndarray]) -> list[Tensor]:

@@ -15,7 +15,7 @@ from bench.codecs.loading import load
 from bench.inputs.errors import FINE, InputError
 from neubtf.guidance import Treatment
 from neubtf.propagation import propagate
-from neubtf.renderer import NeuBTFMaterial
+from neubtf.renderer import Decoded
 from neubtf.seam import FRONTAL, seam_of
 
 MARGIN = 1 / 6  # of a side: about what the built-in photographs lose
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace, terminal: Terminal) -> int:
         header = propagate(options.file, options.guidance, options.out, treatment, terminal.show, options.device)
     terminal.say_file(header)
     material = load(header.path).material
-    assert isinstance(material, NeuBTFMaterial)
+    assert isinstance(material, Decoded)
     left_right, top_bottom = seam_of(material, FRONTAL)
     ratios = f"left–right {left_right.of_mean:.2f}, top–bottom {top_bottom.of_mean:.2f}"
     terminal.say(f"seam (gradient across the border, relative to those inside): {ratios}")

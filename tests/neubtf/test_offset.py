@@ -1,0 +1,127 @@
+"""Look-ups that move along the view, in textures that an autoencoder makes."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from bench.codec import Fit, Parts
+from bench.codecs import container
+from bench.conformance.check import tiny_btf
+from bench.inputs.errors import InputError
+from bench.training import Decoder, Samples, load_texture, store_texture
+from bench.training.gridded import GriddedNetwork
+from bench.training.samples import centres
+from bench.training.stored_network import load_network, store_network
+from bench.training.stored_texture import Rounding
+from neubtf.augmentation import Crop
+from neubtf.autoencoder import Autoencoder, Encoder, as_guidance, read_encoder
+from neubtf.codec import NeuBTF
+from neubtf.renderer import on_grids
+from neubtf.training import Staged
+
+GATE = 0.2  # depths of up to a fifth of the picture
+VIEW = torch.tensor([[0.48, -0.36, 0.8]])
+LIGHT = torch.tensor([[0.0, 0.6, 0.8]])
+
+
+def fitted(**settings: Any) -> tuple[NeuBTF, Parts]:
+    """A brief fit with an offset whose depths are not small."""
+    codec = NeuBTF(steps=24, batch=256, offset=4, bits=32, weights="float32", **settings)
+    parts = codec.encode(tiny_btf(), Fit())
+    return codec, replace(parts, decoder=with_gate(codec, parts, GATE))
+
+
+def with_gate(codec: NeuBTF, parts: Parts, gate: float) -> dict[str, Tensor]:
+    """The network of a file, its depths scaled by another gate."""
+    network = GriddedNetwork(Decoder(codec.settings.architecture), codec.settings, tiny_btf().shape)
+    load_network(network, parts.decoder)
+    assert network.offset is not None
+    with torch.no_grad():
+        network.offset.gate.fill_(gate)
+    return store_network(network, "float32")
+
+
+def answers(codec: NeuBTF, parts: Parts, uv: Tensor) -> Tensor:
+    """Radiance (n, 3) of a file at uv (n, 2), seen and lit aslant."""
+    material = codec.decode(parts, torch.device("cpu"))
+    return material.query(uv, VIEW.expand(len(uv), 3), LIGHT.expand(len(uv), 3))
+
+
+def test_the_offset_has_a_grid_of_its_own() -> None:
+    codec, parts = fitted()
+    assert load_texture("latents", parts.texture).shape == (8, 8, 14)
+    assert load_texture("offset", parts.texture).shape == (2, 2, 4)
+    assert codec.decode(parts, torch.device("cpu")).cost.texture_channels == 14
+
+
+def test_the_files_grids_are_those_of_its_autoencoder(tmp_path: Path) -> None:
+    codec, parts = fitted(keep_encoder=True)
+    encoder, picture = read_encoder(container.save(tmp_path / "file.nbtf", codec, parts).path)
+    with torch.no_grad():
+        texture = encoder(as_guidance(picture))[0].movedim(0, -1)
+    for name, grid in on_grids(texture, 14).items():
+        torch.testing.assert_close(load_texture(name, parts.texture), grid)
+    torch.testing.assert_close(on_grids(texture, 14)["offset"][1, 0], texture[4:, :4, 14:].mean((0, 1)))
+
+
+def test_a_texel_moves_by_as_many_texels_in_a_larger_texture() -> None:
+    codec, parts = fitted()
+    textures: dict[str, Tensor] = {}
+    for name in ("latents", "offset"):
+        repeated = load_texture(name, parts.texture).repeat(2, 3, 1)  # (16, 24, C) shows the same at every texel
+        textures |= store_texture(name, repeated, Rounding(repeated.shape[2], 32))
+    larger = replace(parts, texture=textures)
+    texel = torch.arange(64)
+    in_larger = texel // 8 * 24 + texel % 8
+    torch.testing.assert_close(
+        answers(codec, larger, centres(in_larger, (16, 24))), answers(codec, parts, centres(texel, (8, 8)))
+    )
+
+
+def test_the_offset_moves_what_is_seen() -> None:
+    codec, parts = fitted()
+    uv = centres(torch.arange(64), (8, 8))
+    unmoved = replace(parts, decoder=with_gate(codec, parts, 0.0))
+    assert (answers(codec, parts, uv) - answers(codec, unmoved, uv)).abs().max() > 1e-3
+
+
+def test_grids_that_do_not_fit_are_refused() -> None:
+    codec, parts = fitted()
+    textures = parts.texture | store_texture("offset", torch.zeros(3, 2, 4), Rounding(4, 32))
+    with pytest.raises(InputError, match="grid offset"):
+        codec.decode(replace(parts, texture=textures), torch.device("cpu"))
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (3, 5)])
+def test_a_window_shows_what_the_picture_shows(corner: tuple[int, int]) -> None:
+    """Where its look-ups stay inside it."""
+    btf = tiny_btf(16)
+    settings = NeuBTF(offset=4).settings
+    generator = torch.Generator().manual_seed(0)
+    samples = Samples(btf, 1.0, Fit())
+    guidance = torch.rand(1, 3, 16, 16, generator=generator)
+    encoder = Encoder.for_guidance(guidance, Autoencoder(settings.channels, generator))
+    fitting = Staged(samples, settings, encoder, guidance, generator)
+    with torch.no_grad():
+        fitting.renderer.offset.gate.fill_(1 / 16)  # a texel
+        fitting.renderer.decoder.layers[-1].weight.normal_(generator=generator)
+    texture = torch.randn(256, settings.channels, generator=generator)
+    window = Crop(corner, (8, 8), (8, 8), whole=(False, False))
+    texels = window.texels((16, 16))
+    inner = replace(window, around=(3, 3)).inner(torch.device("cpu"))
+    steep = samples.wo[:, 2] > 0.4  # whose look-ups move by less than the margin of 3 texels
+    pair = torch.arange(samples.pairs)[steep][:4].repeat(len(inner) // 4)
+    with torch.no_grad():
+        in_window = fitting.rendered(texture[texels], inner, pair, window)
+        in_picture = fitting.rendered(texture, texels[inner], pair)
+    torch.testing.assert_close(in_window, in_picture)
+    assert in_window.std() > 1e-3
+
+
+def test_the_papers_recipe_has_no_offset() -> None:
+    with pytest.raises(InputError, match="offset"):
+        NeuBTF(recipe="paper", offset=4)
