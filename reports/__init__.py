@@ -112,15 +112,18 @@ def table_text(
 def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.DataFrame":
     """The numbers of a kind of table as a frame of floats: a row for each of its rows, NaN where it has no number.
 
-    Its first columns, such as that of the codec, and those of words alone, have words. `attrs` has the titles,
-    notes, units and better ends. Several tables of a kind stand one below the other, with the title of each as the
-    first level of the index. `runs` are as for `table_text`.
+    Its first columns, such as that of the codec, and those of words alone, have words. `attrs` has the `titles`, the
+    `notes`, and by column the `units` and the `directions`, the better ends; of a column that several tables have, they
+    are those of the last. Several tables of a kind stand one below the other, with the title of each as the first level
+    of the index. `runs` are as for `table_text`.
 
-    Raises `InputError` if there is no such table, or the kind is one of `OF_WORDS`.
+    Raises `InputError` if there is no such table, perhaps because a line of the records is damaged, or the kind is one
+    of `OF_WORDS`.
     """
     import pandas as pd
 
     from bench.inputs.errors import InputError
+    from bench.records import refuse_damaged
     from reports.tables import all_tables
 
     of_numbers = [each for each in KINDS if each not in OF_WORDS]
@@ -128,6 +131,7 @@ def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.Data
         raise InputError(f"table_values: not of the kind {kind!r}: choose one of {', '.join(of_numbers)}")
     tables = all_tables(_together(runs, kind), kind=kind)
     if not tables:
+        refuse_damaged([runs] if isinstance(runs, str | Path) else runs)
         raise InputError(f"table_values: no such table: {WHY_EMPTY[kind]}")
     titles = [table.title for table in tables]
     frames = []
@@ -137,11 +141,11 @@ def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.Data
     for table in tables:
         assert table.values is not None  # every table of numbers has them
         frames.append(table.values)
-        notes += map(str, table.footnotes)
+        notes += map(str, table.notes)
         units |= table.values.attrs["units"]
         directions |= table.values.attrs["directions"]
     whole = frames[0] if len(frames) == 1 else pd.concat(frames, keys=titles)
-    whole.attrs = {"titles": titles, "notes": notes, "units": units, "directions": directions}
+    whole.attrs = {"titles": titles, "notes": list(dict.fromkeys(notes)), "units": units, "directions": directions}
     return whole
 
 

@@ -247,16 +247,13 @@ def _plot_of_means(kind: str, of_materials: Sequence[Plot], count: int) -> Plot:
 def _quantiles(run: Run, row: Row) -> list[float]:
     """The 5, 25, 50, 75 and 95 % quantiles of the PSNR of slices that decide, in dB.
 
-    Reads the file of slices that a run stores beside its records. Empty where it is not at hand, or no slice has a
-    finite PSNR.
+    Reads the file of slices that a run stores beside its records. Empty where it is not at hand or damaged, because the
+    other plots do not need it, and where no slice has a PSNR.
     """
     try:
         psnr_of_slices = decibels(run.folder, row.job)
-    except InputError:  # the records of a run are useful without its large files
+    except InputError:
         return []
-    if psnr_of_slices is None:
+    if psnr_of_slices is None or not len(psnr_of_slices):
         return []
-    finite = psnr_of_slices[np.isfinite(psnr_of_slices)]
-    if not len(finite):
-        return []
-    return np.quantile(finite, _QUANTILES).tolist()
+    return np.quantile(psnr_of_slices, _QUANTILES).tolist()

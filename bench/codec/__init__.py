@@ -119,10 +119,15 @@ class Density:
         return (mixed / even).float()
 
     def levels(self, side: int) -> int:
-        """The number of levels of detail, from the finest, that the demand uses of a texture of `side` texels."""
-        # A hundred thousand footprints tell the quantile well enough; PyTorch refuses to sort very many.
-        every = max(1, len(self.footprint) // 100_000)
-        coarsest = torch.quantile(self.footprint[::every], COVERED)
+        """The number of levels of detail, from the finest, that the demand uses of a texture.
+
+        `side` are the texels of the texture's longer side.
+        """
+        finest_first = self.footprint.argsort()
+        importance = self.cumulative.diff(prepend=self.cumulative.new_zeros(1))
+        running = importance[finest_first].cumsum(0)
+        place = int(torch.searchsorted(running, COVERED * running[-1]))  # the first with which it is enough
+        coarsest = self.footprint[finest_first[place]]
         # A footprint of 2ⁱ texels needs level i, counted from 0.
         texels = max(1.0, float(coarsest) * side)
         return max(0, math.ceil(math.log2(texels))) + 1

@@ -15,6 +15,7 @@ from bench.codec import Parts
 from bench.codecs.container import PARTS
 from bench.material import Material, parameters
 
+_OF_ROUNDING = {"scale", "low", "step", "size"}  # last parts of the names of tensors that tell how another is rounded
 MANY = 1_000  # a number that a file repeats so often is worth a note
 
 
@@ -78,10 +79,13 @@ def decoder_floats(decoder: dict[str, Tensor]) -> range:
     """The number of numbers in the decoder part of a file: one count, or a range.
 
     It is a range if codes are packed into bytes, or if equal tensors are stored twice, as those of tied layers are:
-    they may count once. The scales and steps that belong to another tensor, `NAME.…` beside `NAME`, are not counted.
+    they may count once. What tells how another tensor is rounded, such as `NAME.step` beside `NAME`, is not counted.
     """
-    # A name without a dot is never left out: what stands before its last dot is "".
-    counted = {name: values for name, values in decoder.items() if name.rpartition(".")[0] not in decoder}
+    counted = {}
+    for name, values in decoder.items():
+        rounded_name, _, what = name.rpartition(".")
+        if rounded_name not in decoder or what not in _OF_ROUNDING:
+            counted[name] = values
     different: dict[str, Tensor] = {}  # those of `counted` without repetitions
     for name, values in counted.items():
         if not any(values.dtype == other.dtype and torch.equal(values, other) for other in different.values()):

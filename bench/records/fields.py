@@ -92,16 +92,19 @@ def _adapter(described: Any) -> "TypeAdapter[Any]":
 
 def _error_in_words(value: Any, error: "ValidationError") -> str:
     """What is wrong at the first wrong place of a value, in words: `scores/heldout must be …, not 3`."""
-    first, *others = error.errors(include_url=False, include_context=False)
-    place, wrong = _path_and_value(value, first["loc"])
-    if first["type"] == "missing":
-        return f"{place}/{first['loc'][-1]} is missing".lstrip("/")
-    # Of a field of several types there is an error for each type. pydantic's "Input should be a valid string" becomes
-    # "must be a valid string".
-    messages = [first["msg"], *(each["msg"] for each in others if _path_and_value(value, each["loc"])[0] == place)]
-    joined = " or ".join(dict.fromkeys(messages)).removeprefix("Value error, ")
+    errors = error.errors(include_url=False, include_context=False)
+    paths = [_path_and_value(value, each["loc"])[0] for each in errors]
+    # Of a field of several types there is an error for each type: that of the type which fits best lies the deepest.
+    place = max((path for path in paths if f"{path}/".startswith(f"{paths[0]}/")), key=len)
+    at_place = [each for each, path in zip(errors, paths, strict=True) if path == place]
+    _, wrong = _path_and_value(value, at_place[0]["loc"])
+    if at_place[0]["type"] == "missing":
+        return f"{place}/{at_place[0]['loc'][-1]} is missing".lstrip("/")
+    # pydantic's "Input should be a valid string" becomes "must be a valid string".
+    joined = " or ".join(dict.fromkeys(each["msg"] for each in at_place)).removeprefix("Value error, ")
     rule = re.sub("^(Input|List|String) should", "must", joined.replace(" or Input should be", " or"))
-    instead = f"an object of {len(wrong)}" if isinstance(wrong, dict) else shown(wrong)
+    rule = re.sub(r" after validation, not \d+$", "", rule)
+    instead = f"an object of {len(wrong)} fields" if isinstance(wrong, dict) else shown(wrong)
     return f"{place} {rule}, not {instead}".lstrip()
 
 

@@ -115,12 +115,16 @@ def _checked_file(run: Run, name: str, digest: str) -> Path:
 
 
 def unpack(path: Path, folder: Path) -> Run:
-    """Unpack an archive into an empty folder. `InputError` says what is wrong with it."""
+    """Unpack an archive into an empty folder, and return its run.
+
+    Raises `InputError` for a file that does not belong in an archive, for one that unpacks to too much, and for records
+    that cannot be read or have no job.
+    """
     try:
         files = ZipFiles(path)
         for name in files.entries:
             if not _belongs(name):
-                raise InputError(f"{path}: {name!r} does not belong in an archive of results")
+                raise InputError(f"{path}: {name!r} does not belong in an archive of results: pack the run again")
         # A small zip can unpack to terabytes, so its sizes are checked before anything is unpacked.
         most = min(MOST_BYTES, max(LEAST_BYTES, RATIO * files.length))
         if sum(map(files.size, files.entries)) > most:
@@ -129,7 +133,7 @@ def unpack(path: Path, folder: Path) -> Run:
         for name in files.entries:
             (folder / name).write_bytes(files.read(name))
     except OSError as error:
-        raise InputError(f"{path}: cannot be unpacked ({error.strerror})") from error
+        raise InputError(f"{path}: cannot be unpacked to {folder} ({error.strerror}): make room there") from error
     run = records.load_run(folder)
     if run.unreadable:  # numbers of lines
         raise InputError(f"{path}: its records cannot be read (lines {run.unreadable[:5]}): pack the run again")

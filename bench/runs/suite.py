@@ -306,10 +306,8 @@ def _with_settings(suite: Suite, changes: dict[str, str]) -> Suite:
 
 
 def _with_seeds(suite: Suite, seeds: Sequence[int]) -> Suite:
-    """The suite with these seeds for every codec."""
-    twice = _first_repeated(map(str, seeds))
-    if twice:
-        raise InputError(f"--seed {twice}: it is given twice: leave one out")
+    """The suite with these seeds for every codec. `InputError` if one is given twice."""
+    _refuse_repeated("--seed", map(str, seeds))
     without_own = tuple(dataclasses.replace(spec, seeds=()) for spec in suite.codecs)
     return dataclasses.replace(suite, seeds=tuple(seeds), codecs=without_own)
 

@@ -1,4 +1,7 @@
+import pytest
+
 from bench import metrics, records
+from bench.records.fields import fault_of
 
 STATS = {"pooled": 30.0}
 
@@ -66,3 +69,16 @@ def test_a_record_keeps_of_scores_what_something_reads():
     # Where no pairs are held out, all pairs decide, and their parts are read.
     assert list(metrics.read_scores(dict.fromkeys(("all", "all, grazing view"), group))) == ["all", "all, grazing view"]
     assert metrics.read_scores({"all": group})["all"]["metrics"] == group["metrics"]
+
+
+@pytest.mark.parametrize(
+    ("record", "said"),
+    [
+        ({"slices": {"a": 3}}, "slices/a must be a valid string, not 3"),
+        ({"slices": 3}, "slices must be a valid string or a valid dictionary, not 3"),
+        ({"shape": [1]}, "shape must have at least 2 items, not [1]"),
+        ({"shape": {"a": 1}}, "shape must be a valid list, not an object of 1 fields"),
+    ],
+)
+def test_a_fault_names_the_place_and_what_stands_there(record, said):
+    assert fault_of(records.Job, record) == said

@@ -36,6 +36,7 @@ def test_a_table_of_every_kind_of_values_is_a_frame_of_floats_that_read_as_its_c
     assert [len(table.rows) for table in tables] == [len(table.values) for table in tables]
     assert len(frame) == sum(len(table.rows) for table in tables)
     assert frame.attrs["titles"] == [table.title for table in tables]
+    assert len(frame.attrs["notes"]) == len(set(frame.attrs["notes"]))
     for table in tables:
         numbers = table.values.iloc[:, 1:].to_numpy()
         for cells, row in zip(table.rows, numbers, strict=True):

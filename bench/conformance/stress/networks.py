@@ -214,7 +214,8 @@ def gradients_at_zero(subject: Subject) -> None:
 
 
 def trained_with_firefly(subject: Subject) -> Measured:
-    """Measure how many dB the other texels lose to one firefly; they must stay no worse than mean-colour."""
+    """Measure by how many dB the PSNR of the other texels changes by a firefly; they must stay no worse than
+    mean-colour."""
     others = np.ones(ordinary().shape, bool)
     others[3, 5] = False  # the texel of `firefly`
     encoded = subject.encode(firefly())
@@ -222,17 +223,17 @@ def trained_with_firefly(subject: Subject) -> Measured:
     truth = plain.truth[:, others]
     colours = np.broadcast_to(truth.mean(0), truth.shape)
     exposure = exposure_of(truth)
-    floor = display_error(colours, truth, exposure)
+    of_mean_colours = display_error(colours, truth, exposure)
     before = display_error(plain.decoded[:, others], truth, exposure)
     after = display_error(encoded.decoded[:, others], truth, exposure)
-    floor_db, before_db, after_db = (float(psnr(error, 1.0)) for error in (floor, before, after))
+    mean_colours_db, before_db, after_db = (float(psnr(error, 1.0)) for error in (of_mean_colours, before, after))
     require(
-        after <= floor * SAME_RATIO,
+        after <= of_mean_colours * SAME_RATIO,
         f"{after_db:.1f} dB",
-        f"the other texels have a PSNR of {after_db:.2f} dB, {floor_db:.2f} dB as mean colours",
+        f"the other texels have a PSNR of {after_db:.2f} dB, {mean_colours_db:.2f} dB as mean colours",
     )
-    gained = round(after_db - before_db, 1)
-    return Measured(f"{gained + 0.0:+.1f} dB")  # avoids −0.0
+    change = round(after_db - before_db, 1)
+    return Measured(f"{change + 0.0:+.1f} dB")  # avoids −0.0
 
 
 def network(name: str, test: Test, holds: str = FINITE, cheap: bool = True) -> Case:
@@ -249,7 +250,7 @@ CASES = (
     network(
         "fitted with a firefly (reported)",
         trained_with_firefly,
-        "the other texels no worse than mean-colour; what they lose is reported",
+        "the other texels no worse than mean-colour; by how much their PSNR changes is reported",
         cheap=False,
     ),
 )

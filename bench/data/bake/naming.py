@@ -120,7 +120,8 @@ def has_pictures(names: list[str]) -> bool:
 def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFiles:
     """The maps of a folder; `user_files` (role → file) are those that the user names, in the folder or by their path.
 
-    Raises `InputError` if the albedo is missing, two files have the same role, or the folder is a BTF.
+    Raises `InputError` if the folder cannot be read or is a BTF, if a file that the user names is not there, if the
+    albedo is missing, or if two files of one role differ, neither of which goes before the other.
     """
     try:
         names = sorted(os.listdir(folder))
@@ -129,9 +130,9 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
     lists = [name for name in names if name.lower().endswith(_LISTS)]
     if lists:
         raise InputError(f"{folder}: it holds {lists[0]}, so it is a BTF and needs no bake: give it to run --material")
-    # 1. The files that the user names go before those that are recognised.
+    # The files that the user names go before those that are recognised.
     by_user = {role: _user_file(folder, role, file) for role, file in (user_files or {}).items()}
-    # 2. Each other picture has a role by its name, or a reason why it is not used.
+    # Each other picture has a role by its name, or a reason why it is not used.
     role_of = {name: role for name, role in _roles(names).items() if name not in by_user.values()}
     by_name: dict[str, list[str]] = {}  # role → files in the folder with such a name
     unused = {}
@@ -143,22 +144,33 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
         else:
             by_name.setdefault(role, []).append(name)
     doubtful = tuple(name for name, role in role_of.items() if role in _DOUBTFUL)
-    # 3. One file for each role.
-    if "albedo" in by_name and {"metalness", "packed", "metallic_smoothness"} & {*by_name, *by_user}:
-        by_name["albedo"], others = _preferred(by_name["albedo"], _is_base_colour)
-        unused |= dict.fromkeys(others, "the base colour is taken, because there is metalness")
-    files_in_folder = FolderFiles(folder)
-    for role, several in by_name.items():
-        by_name[role], others = _preferred(several, lambda name: bool(picture_format(files_in_folder.head(name, 8))))
-        unused |= dict.fromkeys(others, _UNREAD)
     if "albedo" not in by_name | by_user:
         raise InputError(f"{folder}: {no_albedo_fault(folder)}")
+    has_metalness = bool({"metalness", "packed", "metallic_smoothness"} & {*by_name, *by_user})
+    files = {}
     for role, several in by_name.items():
-        unused |= _equal_files(folder, role, several)
-    files = {role: several[0] for role, several in by_name.items()} | by_user
+        files[role], others = _one_file(folder, role, several, has_metalness)
+        unused |= others
+    files |= by_user
     for role, why in _second_choices(files, by_user).items():
         unused[files.pop(role)] = why
     return MapFiles(folder, files, unused, doubtful)
+
+
+def _one_file(folder: Path, role: str, several: list[str], has_metalness: bool) -> tuple[str, dict[str, str]]:
+    """The file of a role, of several in a folder, and why each other one is not used (file → words).
+
+    A base colour goes before other albedos where there is metalness, and a file that can be read before others.
+    `InputError` if those that are left differ.
+    """
+    unused: dict[str, str] = {}
+    if role == "albedo" and has_metalness:
+        several, others = _preferred(several, _is_base_colour)
+        unused |= dict.fromkeys(others, "the base colour is taken, because there is metalness")
+    files = FolderFiles(folder)
+    several, others = _preferred(several, lambda name: bool(picture_format(files.head(name, 8))))
+    unused |= dict.fromkeys(others, _UNREAD)
+    return several[0], unused | _equal_files(folder, role, several)
 
 
 def _equal_files(folder: Path, role: str, several: list[str]) -> dict[str, str]:

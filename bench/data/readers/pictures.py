@@ -282,14 +282,12 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
 
 
 def _refuse_unread_jpeg(marker: int, bits: int, channels: int, label: str) -> None:
-    """Raise an `InputError` unless a JPEG is read that has a frame of this marker, with so many bits a channel."""
-    reason = ""
+    """Raise an `InputError` for a JPEG that cannot be read, by what its frame says: its marker, and the bits and number
+    of its channels."""
     if marker not in _DECODED:
-        reason = "it is lossless or hierarchical"
-    elif bits != 8:
-        reason = f"it has {bits} bits a channel"
-    if reason:
-        raise InputError(f"{label}: this JPEG is not read, because {reason}: save it with 8 bits, or as 16-bit PNG")
+        raise InputError(f"{label}: this JPEG is lossless or hierarchical, which is not read: save it as PNG")
+    if bits != 8:
+        raise InputError(f"{label}: this JPEG has {bits} bits a channel: save it with 8 bits, or as 16-bit PNG")
     if channels not in (1, 3):
         raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
 

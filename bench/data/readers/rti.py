@@ -99,12 +99,14 @@ def _is_entry(line: str) -> bool:
 
     Without the suffix, any file that begins with a word and three numbers would count as a list.
     """
-    cells = line.rsplit(None, 3)  # from the right, because the name may hold spaces
-    try:
-        vector = [float(cell) for cell in cells[1:]]
-    except ValueError:
+    if not line.strip():
         return False
-    return len(vector) == 3 and "." in cells[0]
+    try:
+        entry = _entry("", line)
+    except InputError:
+        return False
+    suffix = Path(entry.picture).suffix.removeprefix(".")
+    return suffix.isalnum() and not suffix.isdecimal()  # which would be the decimals of a number
 
 
 def _entry(label: str, line: str) -> _Entry:

@@ -190,7 +190,7 @@ def test_what_would_silently_keep_its_last_value_is_refused_in_one_line(words, t
     monkeypatch.chdir(tmp_path)
     assert cli.main(words) == 2
     error = capsys.readouterr().err
-    assert "given twice" in error
+    assert "twice" in error
     assert error.count("\n") == 1
 
 

@@ -80,6 +80,11 @@ def test_scales_beside_a_tensor_are_not_numbers_of_the_decoder():
     assert decoder_floats({"weights": torch.zeros(7), "weights.scale": torch.ones(1)}) == range(7, 8)
 
 
+def test_weights_beside_codes_are_numbers_of_the_decoder():
+    decoder = {"weights": torch.zeros(7), "weights.step": torch.ones(1), "weights.other": torch.rand(5)}
+    assert decoder_floats(decoder) == range(12, 13)
+
+
 @pytest.mark.parametrize(
     ("shapes", "channels"),
     [

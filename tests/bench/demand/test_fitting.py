@@ -251,6 +251,15 @@ def test_levels_that_a_scene_never_touches_are_left_out_of_a_pyramid(tmp_path):
     assert material.inner.pyramid.level_sizes == [(16, 16), (8, 8), (4, 4)]
 
 
+def test_coarse_queries_that_hardly_count_need_no_level():
+    btf = tiny_btf(16, 6, 6)
+    coarse = np.arange(4000) % 2 == 1
+    queries = replace(random_demand(), footprint=np.where(coarse, 3 / 16, 1 / 16).astype(np.float32))
+    dim = replace(queries, weight=np.where(coarse[:, None], 1e-4, 1).repeat(3, 1).astype(np.float32))
+    whole = NeededPart.for_demand(btf, queries).window
+    assert [density_of(demand, btf.layout, whole, 0.1).levels(16) for demand in (queries, dim)] == [3, 1]
+
+
 def test_held_out_pairs_count_where_they_lie_in_the_scene():
     """Of two held-out pairs, that in the middle of the demand counts alone; a scene near neither has none."""
     near, far = demand_of(NEAR), tiny_btf(64, 9, 9).layout

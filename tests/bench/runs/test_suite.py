@@ -178,7 +178,7 @@ def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
     assert chosen.seeds == (7,)
     assert with_changes(suite, [], [], {"data.size": "8"}).data.size == 8
     assert with_changes(suite, [], [], {}, [2, 0]).seeds == (2, 0)
-    with pytest.raises(InputError, match="--seed 2"):
+    with pytest.raises(InputError, match="--seed: '2' appears twice"):
         with_changes(suite, [], [], {}, [2, 0, 2])
 
 

@@ -245,11 +245,11 @@ def test_a_jpeg_of_12_bits_or_without_loss_is_refused_by_that_word(tmp_path):
     Image.fromarray(CODES).save(tmp_path / "a.jpg")
     whole = (tmp_path / "a.jpg").read_bytes()
     frame = whole.index(b"\xff\xc0")
-    for marker, bits, message in ((0xC1, 12, "12 bits"), (0xC3, 8, "lossless")):
+    for marker, bits, message in ((0xC1, 12, "12 bits.*8 bits"), (0xC3, 8, "lossless.*as PNG")):
         changed = bytearray(whole)
         changed[frame + 1], changed[frame + 4] = marker, bits
         (tmp_path / "a.jpg").write_bytes(changed)
-        with pytest.raises(InputError, match=rf"a\.jpg: .*{message}.*8 bits"):
+        with pytest.raises(InputError, match=rf"a\.jpg: .*{message}"):
             picture_size(FolderFiles(tmp_path), "a.jpg")
 
 

@@ -7,6 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from bench.data.readers import open_btf
 from bench.data.readers.pictures import srgb_table
+from bench.data.readers.rti import _is_entry
 from bench.directions.hemisphere import from_angles
 
 
@@ -115,3 +116,9 @@ def test_the_normals_of_a_set_are_those_of_a_surface(request, tmp_path, name, li
     p, q = (gaussian_filter(np.clip(-side / np.maximum(z, 1e-3), -2, 2), 1.5) for side in (x, y))
     # The slopes of a surface have no curl, d2z/dxdy = d2z/dydx; with y pointing down the two would differ in sign.
     assert np.corrcoef(-np.gradient(p, axis=0).reshape(-1), np.gradient(q, axis=1).reshape(-1))[0, 1] > 0.05
+
+
+@pytest.mark.parametrize("line", ["", "0.1 0.2 0.3 0.4", "Fig. 3 1 2 3", "word 1 2 3", "im.png 1 2"])
+def test_a_line_that_names_no_picture_begins_no_list(line):
+    assert not _is_entry(line)
+    assert _is_entry("im 0.png 0 0 1")
