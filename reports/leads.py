@@ -35,7 +35,10 @@ def _within_budget(run: Run) -> list[str]:
             best, *others = medians.index
             other = AGAINST if AGAINST in others else others[0]
             lead = medians[best] - medians[other]
-            clauses.append(f"{best} leads on {kind} surfaces, {lead:.1f} dB before {other}")
+            if lead <= SAME_DB:
+                clauses.append(f"{best} and {other} are level on {kind} surfaces")
+            else:
+                clauses.append(f"{best} leads on {kind} surfaces, {lead:.1f} dB before {other}")
     return clauses
 
 

@@ -150,7 +150,7 @@ def run_notes(run: Run) -> list[str]:
         lines = ", ".join(map(str, run.unreadable[:_LINES]))
         if len(run.unreadable) > _LINES:
             lines += ", …"
-        notes.append(f"{len(run.unreadable)} line(s) of records.jsonl could not be read: {lines}.")
+        notes.append(f"{len(run.unreadable)} line(s) of the records could not be read: {lines}.")
     return notes
 
 

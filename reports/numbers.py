@@ -39,7 +39,7 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 def _decimals(value: float, digits: int) -> int:
     """The decimals with which a number has so many significant digits: at least 0 below 10,000,000."""
-    exponent = int(f"{value:e}".rpartition("e")[2])  # of ten, after rounding: 9.9999999 is 1e1
+    exponent = int(f"{value:.{digits - 1}e}".rpartition("e")[2])  # of ten, after rounding: 9.996 to 3 digits is 1e1
     return digits - 1 - exponent if abs(value) >= 1e7 else max(0, digits - 1 - exponent)
 
 

@@ -177,7 +177,8 @@ def _parts_of_folder(folder: Path, size: tuple[int, int], command: str) -> Parts
     """The files of a folder as parts: the bytes of each as one tensor (bytes,) uint8 of `texture`.
 
     A tensor is named by the number of its file in the order of the files' names; `other` lists these names as JSON,
-    and holds the `size` (H, W) of the texture.
+    and holds the `size` (H, W) of the texture. `CodecError`, which names the `command`, if there is no file, or one that
+    is not plain.
     """
     files = sorted(folder.iterdir())
     if not files:
@@ -199,9 +200,9 @@ class ProgramMaterial(Material):
     opaque = True
 
     def __init__(self, size: tuple[int, int], contents: dict[str, bytes], command: str, seconds: float):
-        """Write the contents of a file, by name, into a scratch folder, where the program finds them.
+        """Write the contents of a file, by name, into a scratch folder, and start the program, which finds them there.
 
-        `command` is its command line, and `seconds` how long an answer may take.
+        `command` is its command line, and `seconds` how long an answer may take. `CodecError` if it cannot be started.
         """
         super().__init__(size, DecoderCost())
         self.chunk = BATCH
@@ -278,7 +279,7 @@ class ProgramMaterial(Material):
                 if not part:  # it has ended
                     break
                 line += part
-        if not line:
+        if b"\n" not in line:
             message = _end_of_output((self.folder / "log").read_text(errors="replace"))
             raise CodecError(f"{self.command}: it ended without an answer: {message}")
 

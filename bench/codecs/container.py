@@ -125,7 +125,10 @@ def save(path: Path, codec: "Encoder", parts: "Parts", provenance: dict[str, Any
 
 
 def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None = None) -> bytes:
-    """The bytes of a codec file. The same parts give the same bytes, with the same version of zlib."""
+    """The bytes of a codec file. The same parts give the same bytes, with the same version of zlib.
+
+    `EncodeError` if no file can hold the parts.
+    """
     from bench.codec import ZSTD, SharedNetwork, settings_dict
 
     _check_parts(codec, parts)
@@ -325,7 +328,7 @@ def _read(path: Path) -> bytes:
     except FileNotFoundError as error:
         raise ContainerError(f"{path}: there is no such file: check the path") from error
     except OSError as error:
-        raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
+        raise ContainerError(f"{path}: cannot be read ({error.strerror}): give a file that can be read") from error
 
 
 def _header_and_payload(path: Path, data: bytes) -> tuple[Header, memoryview]:
@@ -370,7 +373,8 @@ def _check_start(path: Path, data: bytes) -> None:
     if file_format > FORMAT:
         raise ContainerError(f"{path}: format {file_format} is newer than this version reads ({FORMAT}): upgrade")
     if file_format < FORMAT:
-        raise ContainerError(f"{path}: not a codec file (no format {file_format} begins with {MAGIC.decode()})")
+        fault = f"not a codec file (no format {file_format} begins with {MAGIC.decode()})"
+        raise ContainerError(f"{path}: {fault}: `neubtf-bench encode` makes one of a BTF")
 
 
 def _parsed(label: str, lengths: bytes, body: memoryview) -> tuple[dict[str, Any], dict[str, Entry], memoryview]:

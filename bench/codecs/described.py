@@ -46,6 +46,7 @@ def _settings_in_words(codec: type[Codec]) -> list[tuple[str, str, str, str]]:
         if paper is not None:
             # A setting that the recipe does not name has its default there.
             settings_of_paper = {"recipe": "paper"} | dict(paper)
-            published = str(settings_of_paper.get(each.name, each.default))
+            value = settings_of_paper.get(each.name, each.default)
+            published = str(value).lower() if isinstance(value, bool) else str(value)  # as the default is written
         settings.append((each.name, each.meaning, each.default, published))
     return settings

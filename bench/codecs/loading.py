@@ -13,7 +13,7 @@ from bench.codec import Codec, Parts, TrainedNetwork
 from bench.codecs import registry, shared
 from bench.codecs.container import PARTS, SHARED, Header, read_parts
 from bench.codecs.scene_material import SceneMaterial
-from bench.inputs.errors import CodecError, ContainerError, answered, said_by
+from bench.inputs.errors import ContainerError, InputError, answered, said_by
 from bench.material import Material
 from bench.training.decoder import decoding
 
@@ -32,7 +32,8 @@ class Loaded(NamedTuple):
 
 
 def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork | None = None) -> Loaded:
-    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong.
+    """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong with the file;
+    any other `InputError` that its codec is not installed or cannot be imported.
 
     If the file needs a shared network, `network` is used where its hash agrees; else `shared.find_named_by` finds one.
     """
@@ -55,7 +56,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
             raise ContainerError(f"{fault}: encode it again")
     except ContainerError as error:
         raise ContainerError(f"{path}: {error}") from error
-    except CodecError as error:
+    except InputError as error:  # of its codec, or of settings that this codec does not have
         raise ContainerError(f"{path}: cannot be decoded: {error}") from error
     except KeyboardInterrupt:
         raise
@@ -68,7 +69,8 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
 def _codec_of(header: Header) -> type[Codec]:
     """The class of the codec that wrote a material's file.
 
-    `ContainerError` if the file holds no material, or if another version of the codec is installed.
+    `ContainerError` if the file holds no material, or if another version of the codec is installed; any other
+    `InputError` if none is, or it cannot be imported.
     """
     if header.kind == SHARED:
         fault = f"not a material, but the network that codec {header.codec} shares over materials"

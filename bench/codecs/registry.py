@@ -32,12 +32,14 @@ def codec_entries() -> dict[str, EntryPoint]:
 
 
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
-    """Import the class of a codec. `InputError` if no codec has the name, or if its class has another name."""
+    """Import the class of a codec. `InputError`, beginning with `wanted_by`, if no codec has the name, or if its class
+    has another name or no version; `CodecError` if it cannot be imported."""
     return _imported_class(_entry(name, wanted_by), wanted_by)
 
 
 def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
-    """Make a codec with some settings. `InputError` if they are invalid, `CodecError` if the codec fails."""
+    """Make a codec with some settings. `InputError` if they are invalid or no codec has the name, `CodecError` if the
+    codec fails."""
     entry = _entry(name)
     try:
         return _imported_class(entry)(**settings)
@@ -74,7 +76,7 @@ def _has_codec(folder: str, name: str) -> bool:
 
 
 def _imported_class(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
-    """Import the class of an entry point in this process, and check its name and version."""
+    """Import the class of an entry point in this process; its errors are those of `load_codec`."""
     prefix = _prefix(wanted_by)
     try:
         codec: type[Codec] = entry.load()
@@ -221,11 +223,14 @@ def _docstring(module: str, class_name: str = "") -> str:
 
 @cache
 def _definition(module: str, class_name: str) -> "ast.Module | ast.ClassDef | None":
-    """The syntax of a module, or of a class in it; None if there is none."""
+    """The syntax of a module, or of a class in it; None if there is none, or if it is no Python."""
     source = source_of(module)
     if source is None or source.suffix != ".py":
         return None
-    tree = ast.parse(source.read_text(encoding="utf-8"))
+    try:
+        tree = ast.parse(source.read_bytes())
+    except (SyntaxError, ValueError):  # of another package: importing it says what is wrong
+        return None
     if not class_name:
         return tree
     for node in tree.body:

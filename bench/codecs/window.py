@@ -91,9 +91,10 @@ def cell_of(directions: Tensor) -> Tensor:
     """The number row · CELLS + column (n,) int32 of directions (n, 3) in a map of the stereographic plane."""
     # (x, y) / (1 + z) maps the upper hemisphere onto the unit disc; scaled and shifted, it spans 0 to CELLS.
     scale = CELLS / 2 / (1 + directions[:, 2])
-    column = (directions[:, 0] * scale + CELLS / 2).int()
-    row = (directions[:, 1] * scale + CELLS / 2).int()
-    return (row * CELLS + column).clamp_(0, CELLS**2 - 1)
+    # At the horizon an end of an axis would begin a cell beyond the map.
+    column = (directions[:, 0] * scale + CELLS / 2).int().clamp_(0, CELLS - 1)
+    row = (directions[:, 1] * scale + CELLS / 2).int().clamp_(0, CELLS - 1)
+    return row * CELLS + column
 
 
 def to_hex(cells: Array) -> str:

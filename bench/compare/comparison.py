@@ -226,10 +226,11 @@ def _scatter_of_mean(changes: list[Change], weights: list[float]) -> Chance | No
 
 def _with_current_labels(before: list[Job], after: list[Job]) -> list[Job]:
     """The jobs of `before`. A label that `after` lacks is replaced by the label that `after` has for equal settings, if
-    there is one.
+    there is one, and if no other row of `before` has that.
 
     Labels name the settings that differ from the defaults, so a new default gives the same settings another label.
     """
+    rows_before = {(job["material"], job["label"]) for job in before}
     rows_after = {(job["material"], job["label"]) for job in after}
     label_after = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
 
@@ -237,7 +238,8 @@ def _with_current_labels(before: list[Job], after: list[Job]) -> list[Job]:
         """The label of a job in `after`, or else its own."""
         if job["status"] != "ok" or (job["material"], job["label"]) in rows_after:
             return job["label"]
-        return label_after.get(_identity(job), job["label"])
+        label = label_after.get(_identity(job), job["label"])
+        return job["label"] if (job["material"], label) in rows_before else label
 
     return [job | {"label": current_label(job)} for job in before]
 

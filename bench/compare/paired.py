@@ -20,7 +20,7 @@ from bench.compare.statistics import chance_if_equal, interval_over_slices, stud
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
-from bench.records import MOST_DB, PSNR, Job, Run, deciding_group, grouped, shown_label, view
+from bench.records import MOST_DB, PSNR, Job, Run, deciding_group, grouped, scored_unlike, shown_label, view
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 
@@ -134,19 +134,17 @@ def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Ite
 
 
 def _paired_cells(two_jobs: Iterable[tuple[Job, Job]], slices_of_first: Slices, slices_of_second: Slices) -> list[Cell]:
-    """The cell of each two jobs that were scored at the same pairs of the same data, and have slices."""
+    """The cell of each two jobs that were scored at the same pairs of the same data and one exposure, and have slices."""
     cells = []
     for first, second in two_jobs:
-        first_key = first["score_key"]
-        second_key = second["score_key"]
-        if any(first_key.get(name) != second_key.get(name) for name in ("btf", "deciding")):
+        if scored_unlike(first["score_key"], second["score_key"]):
             continue
         ours = slices_of_first(first)
         theirs = slices_of_second(second)
         if ours is None or theirs is None:
             continue
         if 0 < len(ours) == len(theirs):  # slices without a number are left out, so lengths may differ
-            cells.append(Cell(first["material"], first["seed"], first_key["btf"], theirs - ours))
+            cells.append(Cell(first["material"], first["seed"], first["score_key"]["btf"], theirs - ours))
     return cells
 
 
@@ -178,16 +176,17 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
     """The PSNR (n,) in dB of each slice of the deciding pairs, in the order of the BTF, at most `MOST_DB`.
 
     Deciding pairs are the held-out ones, or all pairs if none are held out. The PSNR is read from the file beside the
-    record, or from a reference, which stores it packed; None if it is in neither. `InputError` if it cannot be read.
+    record, or from a reference or published results, which store it packed; None if it is in none of these. `InputError`
+    if it cannot be read.
     """
     stored = job.get("slices")
-    if isinstance(stored, dict):  # of a reference
+    if isinstance(stored, dict):  # of a reference, or of published results
         if PSNR not in stored:
             return None
         try:
             return unpacked(stored[PSNR])
         except ValueError as error:
-            remedy = "make the reference again"
+            remedy = "get the file of records again, or make it again"
             raise InputError(f"{folder}: the slices of {job['job']} cannot be read ({error}): {remedy}") from error
     if not stored or not (folder / stored).exists():  # the file was not kept with the records
         return None
@@ -215,7 +214,8 @@ def _errors_of_deciding_pairs(path: Path, job: Job) -> np.ndarray:
 
 
 def packed_slices(job: Job, folder: Path) -> Job:
-    """The field with the PSNR of each slice of a job, packed; empty if the run has no file of them."""
+    """The field with the PSNR of each slice of a job, packed; empty if the run has no file of them. `InputError` if it
+    cannot be read."""
     slices = decibels(folder, job)
     return {} if slices is None else {"slices": {PSNR: packed(slices)}}
 

@@ -21,8 +21,8 @@ def published(run: Run, once: bool = True) -> str:
     """The text of a run's results: a line for each start that produced something, each job and each timing.
 
     With `once`, what several lines would repeat is said once, as `_once` describes. Without, each line is whole by
-    itself, as an archive needs it, whose lines may be altered. `InputError` if there is no result, or if a job does not
-    name its run, as in a reference.
+    itself, as an archive needs it, whose lines may be altered. `InputError` if there is no result, if a job does not
+    name its run, as in a reference, or if its slices cannot be read.
     """
     _refuse_unpublishable(run)
     jobs = [published_job(job, run.folder) for job in run.jobs]

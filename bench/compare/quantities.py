@@ -187,7 +187,7 @@ def _mean_psnr(name: str, metric: str, groups: list[str], tolerance: Tolerance) 
 def _mean_of_footprints(job: Job) -> float | None:
     """The mean over footprints above one texel of the mean over slices."""
     footprints = job.get("footprints", {})
-    numbers = [_stored_or_infinite(stats, stats["mean"]) for side, stats in footprints.items() if side != "1"]
+    numbers = [_stored_or_infinite(stats, stats.get("mean")) for side, stats in footprints.items() if side != "1"]
     return average(numbers)
 
 

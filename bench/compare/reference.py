@@ -58,8 +58,9 @@ class Update(NamedTuple):
 def update(run: Run, path: Path, wide: bool) -> Update:
     """Write the `reference` of a run to the file `path`, which keeps further seeds of what it held.
 
-    `InputError`, before anything is written, for a name that no reference has, for a damaged file, and, unless `wide`,
-    for a reference with a row that hides a loss of PSNR above `WIDEST`.
+    `InputError`, before anything is written, for a name that no reference has, for a damaged file, for a run that
+    `reference` refuses, and, unless `wide`, for a reference with a row that hides a loss of PSNR above `WIDEST`; also
+    if the file cannot be written.
     """
     if path.suffix != ".jsonl":
         raise InputError(f"{path}: the name of a reference ends in .jsonl")
@@ -92,7 +93,8 @@ def _refuse_wide(losses: dict[str, dict[str, float]], path: Path) -> None:
 
 
 def reference(run: Run, before: Run | None = None) -> str:
-    """The text of a run's reference. Raises `InputError` if the run is empty or has jobs without a result.
+    """The text of a run's reference. Raises `InputError` if the run is empty or has jobs without a result, or if slices
+    cannot be read.
 
     A row of a reference is one setting of a codec on one material, with a job for each seed. Jobs of the suite's own
     seeds are kept whole, with their times; those of further seeds only measure the codec's scatter. If the seeds of a

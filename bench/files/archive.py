@@ -92,7 +92,8 @@ class ZipFiles:
             stream.seek(entry.header_offset)
             local = stream.read(_LOCAL_HEADER)
             if len(local) < _LOCAL_HEADER or local[:4] != b"PK\x03\x04":  # with which every such header begins
-                raise InputError(f"{label}: there is no entry at offset {entry.header_offset}: the archive is damaged")
+                fault = f"there is no entry at offset {entry.header_offset}"
+                raise InputError(f"{label}: {fault}: the archive is damaged; get it again")
             # The name and the extra field stand between this header and the bytes; the header ends with their lengths.
             name_length = int.from_bytes(local[26:28], "little")
             extra_length = int.from_bytes(local[28:30], "little")
@@ -145,15 +146,15 @@ def _require_readable(entry: zipfile.ZipInfo, label: str) -> None:
         raise InputError(f"{label}: it is encrypted: extract it with its password first")
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it with deflate")
-    # Deflate cannot exceed 1032 : 1, so a larger claim is false, and a large entry near it is a bomb. Uncompressed
-    # entries cannot be bombs; they are memory-mapped.
-    if entry.compress_type == zipfile.ZIP_STORED:
-        limit = entry.compress_size
-    else:
-        plausible = max(LEAST, RATIO * entry.compress_size)
-        possible = 1032 * entry.compress_size + 64
-        limit = min(MAX_FILE, plausible, possible)
-    if entry.file_size > limit:
+    if entry.compress_type == zipfile.ZIP_STORED:  # it cannot be a bomb, and is memory-mapped
+        if entry.file_size > entry.compress_size:
+            claim = f"it claims {entry.file_size} bytes, but {entry.compress_size} are stored"
+            raise InputError(f"{label}: {claim}: the archive is damaged; get it again")
+        return
+    # Deflate cannot exceed 1032 : 1, so a larger claim is false, and a large entry near it is a bomb.
+    plausible = max(LEAST, RATIO * entry.compress_size)
+    possible = 1032 * entry.compress_size + 64
+    if entry.file_size > min(MAX_FILE, plausible, possible):
         claim = f"it claims {entry.file_size} bytes from {entry.compress_size}, far too many"
         raise InputError(f"{label}: {claim}: zip it again without compression")
 

@@ -196,7 +196,7 @@ def cached_files() -> list[Path]:
     shared = cache_dir() / SHARED
     # A link counts as a file, whatever it leads to.
     files = [path for path in cache_dir().rglob("*") if path.is_symlink() or path.is_file()]
-    return [path for path in files if shared not in path.parents]
+    return [path for path in files if shared not in (path, *path.parents)]  # it may be a link itself
 
 
 def clear_cache() -> tuple[int, int]:

@@ -156,7 +156,10 @@ def shown(value: object) -> str:
 
 @contextmanager
 def readable(label: str, remedy: str = "the file is damaged; get it again") -> Iterator[None]:
-    """Turn any exception of a decoder into an `InputError` that names `label`, what is read, and says the remedy."""
+    """Turn any exception of a decoder into an `InputError` that names `label`, what is read, and says the remedy.
+
+    A `MemoryError` stays as it is.
+    """
     try:
         yield
     except (InputError, MemoryError):  # the first has a message of its own; for the second the bytes are not to blame
@@ -168,5 +171,7 @@ def readable(label: str, remedy: str = "the file is damaged; get it again") -> I
             raise InputError(f"{label}: there is no such file: check the path") from error
         if is_of_label and isinstance(error, IsADirectoryError):
             raise InputError(f"{label}: it is a folder: give a file") from error
+        if is_of_label and isinstance(error, PermissionError):  # its content is not to blame
+            raise InputError(f"{label}: cannot be read ({error.strerror}): mend its permissions") from error
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{label}: cannot be read ({reason[:200]}): {remedy}") from error

@@ -204,7 +204,7 @@ def _value_of_kind(what: str, kind: Any, value: Any, words: bool) -> Any:
 
 def _choice(choices: tuple[Any, ...], value: Any, words: bool) -> Any:
     """One of the values of a `Literal`, texts or whole numbers."""
-    is_number = words and value not in choices  # a number among the choices, as a string
+    is_number = words and isinstance(value, str) and value not in choices  # a number among the choices, as a string
     choice = int(value) if is_number else value
     _need(type(choice) in (str, int) and choice in choices)  # by type, because True equals 1
     return choice

@@ -208,7 +208,7 @@ def load_run(folder: str | Path) -> Run:
                 if text.strip() and not _add_line(run, text, f"{path}, line {number}"):
                     run.unreadable.append(number)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        raise InputError(f"{path}: cannot be read ({error.strerror}): give a file that can be read") from error
     planned: list[str] = []
     for start in run.starts:
         planned += start.get("jobs", [])
@@ -262,7 +262,7 @@ def load_together(
             other_name = f"{name}, other data of {run.folder.name}"
             together.jobs.put(other_name, {**job, "job": other_name})
         for timing in run.timings:
-            if timing["job"] not in aside:
+            if not aside & {timing["job"], timing.get("of")}:  # of a job, or of a choice of its file
                 together.timings.put(timing["job"], timing)
     return together
 

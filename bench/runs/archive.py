@@ -69,7 +69,7 @@ AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 def jobs_with_results(run: Run, codecs: list[str]) -> Run:
     """A run reduced to its jobs with a result, and their timings; of some `codecs`, or of all if none are named.
 
-    `InputError` if no job is left.
+    `InputError` if no job is left, or if no start says how materials were prepared.
     """
     with_results = [job for job in run.jobs if job["status"] == "ok"]
     chosen = {job["job"]: job for job in with_results if not codecs or job["codec"] in codecs}

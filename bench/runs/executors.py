@@ -93,7 +93,8 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
             raise FileNotFoundError("no such file")
         client = Client(**{"scheduler_file" if is_file else "address": address}, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
+        fault = f"no Dask scheduler answers there ({error})"
+        raise InputError(f"--scheduler {address}: {fault}: start it, or mend the address") from error
     # As pure functions, the default of Dask, equal calls would run once: a repeated job would get its first answer.
     executor = client.get_executor(pure=False, resources=resources or None)  # None: a job takes no resources
     try:

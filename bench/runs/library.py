@@ -85,10 +85,8 @@ def encode(
     """
     if not isinstance(btf, BTF):
         raise InputError(f"bench.encode: give a BTF, not {_wrong_type(btf)}: bench.open(name) opens one")
-    if isinstance(codec, Codec) and settings:
-        raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
     require_present(device, "device")
-    instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
+    instance = _instance(codec, settings)
     scene_demand = _load_demand_if_given(demand)
     if scene_demand is not None and not instance.scene:
         raise InputError("encode: a demand is for a fit to its scene: give scene=True, too, or leave out demand")
@@ -98,6 +96,15 @@ def encode(
     container.refuse_other_file(Path(out))
     fit = new_fit(instance, train, seed, network, device=device, threads=threads, show=show)
     return fit_to_file(instance, train, fit, Path(out), naming_faults(instance, encode_parts)).header
+
+
+def _instance(codec: str | Codec, settings: dict[str, Any]) -> Codec:
+    """The codec of that name with its settings, or the codec itself, which has them: `InputError` if any are given."""
+    if not isinstance(codec, Codec):
+        return make_codec(codec, settings)
+    if settings:
+        raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
+    return codec
 
 
 def _checked_training(btf: BTF) -> BTF:
@@ -153,7 +160,8 @@ def _toml_value(value: Any) -> str:
         return _toml_value(os.fspath(value))
     if not isinstance(value, str | bool | int | float):
         fault = f"a suite holds numbers, texts, lists and dictionaries, not {_wrong_type(value)}"
-        raise InputError(f"bench.run: {fault}: name a material of yours by its path")
+        remedy = "name a material of yours by its path" if isinstance(value, BTF) else "give one of these"
+        raise InputError(f"bench.run: {fault}: {remedy}")
     # TOML writes these as JSON does, but knows no pair of escapes for one character, as JSON has for an emoji.
     return json.dumps(value, ensure_ascii=False)
 
@@ -227,7 +235,7 @@ def encode_for_scene(
     if not isinstance(scene, SceneGoal):
         raise InputError(f"bench.encode_for_scene: give a bench.SceneGoal(demand), not {_wrong_type(scene)}")
     require_present(device, "device")
-    instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
+    instance = _instance(codec, settings)
     demand = scene.demand if isinstance(scene.demand, Demand) else load_demand(Path(scene.demand))
     wanted = fitting.Goal(scene.psnr, scene.flip)
     container.refuse_other_file(Path(out))

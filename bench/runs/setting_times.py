@@ -93,7 +93,8 @@ def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progres
     with lock.locked(folder, run):
         contestants = list(decoded_settings(suite, surfaces_of(suite), folder, device, show))
         if not contestants:
-            raise InputError(f"suite {suite.name}: none of its settings could be fitted, so none is timed")
+            remedy = "name codecs that can be fitted here and are no programs of their own"
+            raise InputError(f"suite {suite.name}: none of its settings can be timed: {remedy}")
         for _ in range(ROUNDS):
             _add_round(contestants, entries, suite.threads, show)
         records.append(folder, start_of(suite, run, device, jobs=[]))

@@ -205,7 +205,8 @@ def _check_names(file: str, suite: Suite) -> None:
     for spec in suite.codecs:
         foreign = set(spec.materials) - set(materials)
         if foreign:
-            raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
+            fault = f"codecs.materials names {min(foreign)!r}, which is not a material of this suite"
+            raise InputError(f"{file}: {fault}{did_you_mean(min(foreign), materials)}")
 
 
 def _refuse_repeated(key: str, names: Iterable[str], remedy: str = "leave one out") -> None:
@@ -335,7 +336,7 @@ def with_distinct_names(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ..
     paths = [_absolute_path(spec) for spec in materials]  # texts; of a built-in material its name
     twice = _first_repeated(paths)
     if twice:
-        raise InputError(f"--material {twice}: it is given twice")
+        raise InputError(f"--material {twice}: it is given twice: leave one out")
     names = [spec.name for spec in materials]
     # Names that are still equal get one folder more in each turn, until no path has any left.
     for folders in range(1, max(len(Path(path).parts) for path in paths)):

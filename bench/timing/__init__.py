@@ -125,7 +125,7 @@ def time_materials(
 ) -> dict[str, Timing]:
     """Time the whole query of each material in turns, `TURNS` by default; the row `FLOOR` is one bilinear fetch.
 
-    A query is of `batch` samples, by default of as many as are usual on the device.
+    A call answers `batch` samples, by default as many as are usual on the device.
     """
     first = next(iter(materials.values()))
     samples = batch or batch_on(first.device)

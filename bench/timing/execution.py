@@ -71,10 +71,10 @@ class Variant:
 def exists_on(variant: Variant, device: torch.device) -> bool:
     """Whether a kind of device supports a variant; `prepared` reports missing packages."""
     on_nvidia = device.type == "cuda" and torch.version.hip is None
-    if variant.precision == "tf32":  # NVIDIA's
-        return on_nvidia
     if variant.execution == "fused":  # by Dr.Jit, which knows no short floats, and no other GPUs
         return variant.precision == "float32" and (on_nvidia or not is_gpu(device))
+    if variant.precision == "tf32":  # NVIDIA's
+        return on_nvidia
     return variant.execution != "network" or is_gpu(device)
 
 
@@ -86,8 +86,8 @@ def prepared(material: Material, variant: Variant) -> Material:
     if variant.precision == "tf32" and material.device.type != "cuda":
         raise InputError("tf32 is a precision of NVIDIA's GPUs: use float32 here")
     computed = copy.deepcopy(material).to(dtype=DTYPES[variant.precision])
-    # PyTorch lets convolutions round to tf32 unless told not to; float32 must not. `_Tf32` and the fused kernels allow
-    # it themselves, where the variant asks for it.
+    # PyTorch lets convolutions round to tf32 unless told not to; float32 must not. `_Tf32` and the kernels of networks
+    # allow it themselves, where the variant asks for it.
     torch.backends.cudnn.allow_tf32 = False
     if variant.execution == "network":
         return _with_networks_fused(computed, variant)
