@@ -324,7 +324,7 @@ def _bands(material: MaterialRows) -> list[_Band]:
     groups = {deciding: "held out" if deciding == "heldout" else "all"}  # the name in the header of each
     groups |= {f"{deciding}, {subset}": _BAND_NAMES.get(subset, subset) for subset in subsets}
     if LOW_LIGHT in scores:
-        groups[LOW_LIGHT] = "θ_i>75°"
+        groups[LOW_LIGHT] = LOW_LIGHT
     return [_Band(name, group, scores[group].get("slices", 0)) for group, name in groups.items()]
 
 

@@ -177,8 +177,8 @@ def _parts_of_folder(folder: Path, size: tuple[int, int], command: str) -> Parts
     """The files of a folder as parts: the bytes of each as one tensor (bytes,) uint8 of `texture`.
 
     A tensor is named by the number of its file in the order of the files' names; `other` lists these names as JSON,
-    and holds the `size` (H, W) of the texture. `CodecError`, which names the `command`, if there is no file, or one that
-    is not plain.
+    and holds the `size` (H, W) of the texture. `CodecError`, which names the `command`, if there is no file, or one
+    that is not plain.
     """
     files = sorted(folder.iterdir())
     if not files:
@@ -265,7 +265,7 @@ class ProgramMaterial(Material):
 
     def _ask(self, queries: Path, answers: Path) -> None:
         """Send the line that names the two files, and wait for the program's line. `CodecError` if none comes."""
-        line = b""  # stays empty if the program has ended: writing to it breaks the pipe, or it sends nothing
+        line = b""  # has no end if the program has ended: writing to it breaks the pipe, or it sends nothing more
         with suppress(BrokenPipeError):
             self.asks.write(f"{queries}\t{answers}\n".encode())
             self.asks.flush()

@@ -134,7 +134,7 @@ def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Ite
 
 
 def _paired_cells(two_jobs: Iterable[tuple[Job, Job]], slices_of_first: Slices, slices_of_second: Slices) -> list[Cell]:
-    """The cell of each two jobs that were scored at the same pairs of the same data and one exposure, and have slices."""
+    """The cell of each two jobs that have slices, scored at the same pairs of the same data and at one exposure."""
     cells = []
     for first, second in two_jobs:
         if scored_unlike(first["score_key"], second["score_key"]):
@@ -176,8 +176,8 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
     """The PSNR (n,) in dB of each slice of the deciding pairs, in the order of the BTF, at most `MOST_DB`.
 
     Deciding pairs are the held-out ones, or all pairs if none are held out. The PSNR is read from the file beside the
-    record, or from a reference or published results, which store it packed; None if it is in none of these. `InputError`
-    if it cannot be read.
+    record, or from a reference or published results, which store it packed; None if it is in none of these.
+    `InputError` if it cannot be read.
     """
     stored = job.get("slices")
     if isinstance(stored, dict):  # of a reference, or of published results

@@ -446,7 +446,7 @@ def _hint(suite: Suite, scope: str, name: str) -> str:
         near = difflib.get_close_matches(written, sorted(setting_keys), n=1)
         if near:
             return f"; did you mean {near[0]!r}?"
-    return f" (or write data.{name})"
+    return ": `neubtf-bench list codecs NAME` shows those of a codec"
 
 
 def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:

@@ -9,7 +9,7 @@ import torch
 from bench.codec import Codec, Fit, described_settings, settings_dict
 from bench.codecs.registry import codec_entries, load_codec
 from bench.inputs.errors import InputError
-from bench.inputs.settings import Count, Positive, Range, Share, descriptions
+from bench.inputs.settings import Count, Positive, Range, Share, convert, descriptions
 
 
 class Sample(Codec):
@@ -109,3 +109,9 @@ def test_every_installed_codec_refuses_numbers_that_are_not_finite_and_says_what
                 for value in ("nan", "inf", "-inf", "1e400"):
                     with pytest.raises(InputError, match=f"setting {setting.name} of codec {name} must be"):
                         configured(**{setting.name: value})
+
+
+def test_a_fraction_is_none_of_some_whole_numbers():
+    assert convert("sample", "bits", Literal[2, 4], "4") == 4
+    with pytest.raises(InputError, match=r"2 or 4, not 2\.5"):
+        convert("sample", "bits", Literal[2, 4], 2.5)

@@ -205,6 +205,8 @@ def test_encoding_takes_a_name_with_settings_or_a_codec(folder, capsys):
     assert bench.encode(btf, made, "b.nbtf").sha256 == header.sha256
     with pytest.raises(InputError, match="components"):
         bench.encode(btf, made, "c.nbtf", components=4)
+    with pytest.raises(InputError, match="components"):
+        bench.encode_for_scene(btf, made, "c.nbtf", bench.SceneGoal("a.npz"), components=4)
     with pytest.raises(InputError, match=r"data\.sise.*'size'"):
         bench.open("satin", sise=8)
     with pytest.raises(InputError, match=r"bench\.SceneGoal.*'a\.npz'"):

@@ -203,3 +203,16 @@ def test_a_view_of_a_run_is_made_once_for_each_run_and_its_words():
     assert words_of(second) == [""]
     assert len(asked) == 3
     assert words_of(replace(first, starts=[])) == [""]  # a changed run has none of the views of the first
+
+
+def test_a_job_that_replaces_no_other_leaves_the_choices_of_the_other_as_they_are(tmp_path):
+    for folder in ("a", "b"):
+        key = {"score_key": {"sha256": folder}}
+        (tmp_path / folder).mkdir()
+        append(tmp_path / folder, job("x", run=folder, **key))
+        choice = timing("x/eager float32/cpu", 1.0) | {"material": "satin", "label": "pca", "of": "x"} | key
+        choice |= {"execution": "eager", "dtype": "float32", "device": "cpu", "limit_ns": 1.0, "batch": 1, "threads": 1}
+        choice |= {"codec": "pca", "settings": {}, "bytes": 1, "psnr": 30.0, "worst": 20.0, "flip": 0.1}
+        append(tmp_path / folder, choice | {"ratio_to_floor": 1.0, "ratio_interval95": [1.0, 1.0]})
+    run = lines.load_together([tmp_path / "a", tmp_path / "b"], wanted=lambda job: job["run"] == "a")
+    assert [choice["score_key"]["sha256"] for choice in run.choices] == ["a"]

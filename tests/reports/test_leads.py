@@ -34,3 +34,11 @@ def test_a_codec_measured_on_fewer_materials_leads_nobody(made):
     made.job("pca", psnr=30.0).job("vq", psnr=28.0).job("pca", "brick", psnr=30.0).job("vq", "brick", psnr=28.0)
     made.job("relief", psnr=40.0)
     assert leads(load_run(made.folder)).startswith("pca leads")
+
+
+def test_within_a_budget_too_equal_codecs_are_level(made):
+    for label in ("neubtf-direct", "relief"):
+        scores = {"heldout": made._group(28.0), "validation": made._group(28.0)}
+        made.job(label, bytes={"total": 256}, scores=scores, psnr=28.0)
+    assert "relief" in leads(load_run(made.folder))
+    assert "are level on" in leads(load_run(made.folder))

@@ -7,7 +7,16 @@ from reports.numbers import as_read, significant
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(None, "—"), (0.0, "0"), (0.00123456, "0.00123"), (999.96, "1,000"), (123456.7, "123,457"), (1e12, "1.00e+12")],
+    [
+        (None, "—"),
+        (0.0, "0"),
+        (0.00123456, "0.00123"),
+        (999.96, "1,000"),
+        (9.996, "10.0"),
+        (99.96, "100"),
+        (123456.7, "123,457"),
+        (1e12, "1.00e+12"),
+    ],
 )
 def test_three_digits_count(value, text):
     assert significant(value) == text
@@ -15,7 +24,14 @@ def test_three_digits_count(value, text):
 
 @pytest.mark.parametrize(
     ("value", "digits", "read"),
-    [(1234.567, 1, 1234.6), (0.00123456, -3, 0.00123), (12345.6, -3, 12346), (12345678.9, -3, 1.23e7), (inf, -3, inf)],
+    [
+        (1234.567, 1, 1234.6),
+        (0.00123456, -3, 0.00123),
+        (12345.6, -3, 12346),
+        (12345678.9, -3, 1.23e7),
+        (9.996, -3, 10),
+        (inf, -3, inf),
+    ],
 )
 def test_a_number_is_rounded_as_it_reads(value, digits, read):
     assert as_read(value, digits) == read

@@ -179,7 +179,7 @@ def test_pairs_of_low_light_are_the_last_band_where_a_record_has_them(made):
     assert not any("75°" in header for header in cells(plain))
     scores["low light"] = group | {"slices": 30, "metrics": {"psnr_display": STATS | {"mean": 12.5}}}
     (table,) = tables(made.job(scores=scores), "angular")
-    assert list(cells(table).items())[-1] == ("θ_i>75° dB ↑ (30)", "12.50")
+    assert list(cells(table).items())[-1] == ("low light dB ↑ (30)", "12.50")
 
 
 def test_quality_between_texels_is_the_last_column_by_footprint_where_a_record_has_it(made):

@@ -67,3 +67,10 @@ def test_a_compressed_part_that_is_not_bytes_is_refused(tmp_path):
     resealed(path, lambda fields, tensors: fields["settings"].update(zstd=True))
     with pytest.raises(ContainerError, match=r"a\.nbtf: .*torch\.bfloat16"):
         loading.load(path)
+
+
+def test_a_setting_that_the_codec_does_not_have_is_named_and_not_called_a_wrong_tensor(tmp_path):
+    path = mean_colour_file(tmp_path)
+    resealed(path, lambda fields, tensors: fields["settings"].update(unheard=1))
+    with pytest.raises(ContainerError, match=r"a\.nbtf: cannot be decoded: .*no setting 'unheard'"):
+        loading.load(path)

@@ -5,6 +5,7 @@ import pytest
 
 from baselines.pca import PCA
 from bench.codecs import registry
+from bench.codecs.described import described_codecs
 from bench.inputs import plugins
 from bench.inputs.errors import InputError
 from tests.bench.outside import install
@@ -67,6 +68,17 @@ def test_a_codec_that_fails_is_listed_with_its_failure(tmp_path, monkeypatch):
     entries = registry.codec_entries()
     assert re.match("FAILS: .*fails.*outside.*ZeroDivisionError", registry.listed(entries["fails"]))
     assert registry.listed(entries["mine"]) == "My codec."
+
+
+def test_a_codec_whose_source_is_no_python_costs_its_own_description_alone(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(install(tmp_path, "outside", {"fails": "fails:Mine"}, {"fails": "class Mine(:"}))
+    assert registry.current_versions("fails") == {}
+    assert described_codecs()["fails"]["about"].startswith("not importable: fails")
+
+
+def test_settings_as_published_are_written_as_their_defaults_are():
+    published = {name: value for name, _, _, value in described_codecs()["neumip"]["settings"]}
+    assert published["blur"] == "true"
 
 
 def test_codecs_that_cite_each_other_cite_nothing_and_a_tuple_is_one_value(tmp_path, monkeypatch):

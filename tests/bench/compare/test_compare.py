@@ -341,3 +341,11 @@ def test_a_record_of_another_layout_is_an_error_that_names_it(make):
     del job["fit_key"]
     with pytest.raises(InputError, match=r"satin/pca/0.*'fit_key'"):
         compare(make.run("base", job), make.run("new", make.job()))
+
+
+def test_a_row_that_a_new_default_renames_does_not_join_another_row_of_the_base(make):
+    four, eight = {"components": 4}, {"components": 8}
+    base = make.run("base", make.job("pca", settings=four), make.job("pca components=8", settings=eight))
+    new = make.run("new", make.job("pca", settings=eight), make.job("pca components=4", settings=four))
+    verdicts = {row.label: row.verdict.lower() for row in compare(base, new).rows}
+    assert verdicts == {"pca": "same", "pca components=8": "gone", "pca components=4": "new"}

@@ -14,7 +14,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading
 from bench.codecs.scene_material import SceneMaterial
-from bench.codecs.window import Window, from_hex
+from bench.codecs.window import CELLS, Window, cell_of, from_hex
 from bench.conformance.check import tiny_btf
 from bench.demand.demand import Demand
 from bench.demand.fitting import Goal, Search, density_of, encode, psnr_outside
@@ -114,6 +114,11 @@ def test_queries_between_needed_directions_are_answered_as_the_whole_table_answe
     # 0.1 % of the demand may lie outside what is kept; a half float is off by 5e-4 of a value.
     assert share[difference > 2e-3].sum() < 2e-3
     assert len(part.inner.values) < len(full.values) / 5
+
+
+def test_directions_at_the_horizon_lie_in_cells_at_the_border_of_the_map():
+    row, column = np.divmod(cell_of(torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])).numpy(), CELLS)
+    assert (row.tolist(), column.tolist()) == ([CELLS // 2, CELLS - 1], [CELLS - 1, CELLS // 2])
 
 
 def test_samples_follow_the_demand_and_a_share_is_uniform():

@@ -53,3 +53,13 @@ def test_an_array_that_ends_just_behind_a_whole_piece_is_read_to_its_end(beyond,
     values = np.zeros(MOST_AT_ONCE + beyond - HEADER, np.uint8)
     np.savez_compressed(tmp_path / "a.npz", values=values)
     assert np.array_equal(read_arrays(tmp_path / "a.npz", MAX_FILE)["values"], values)
+
+
+def test_an_uncompressed_entry_that_claims_more_than_it_has_is_damaged(tmp_path):
+    np.savez(tmp_path / "a.npz", plain=np.arange(1000.0))
+    data = (tmp_path / "a.npz").read_bytes()
+    directory = data.index(b"PK\x01\x02")
+    claimed = directory + 24  # where the inflated size stands, four bytes
+    (tmp_path / "a.npz").write_bytes(data[:claimed] + b"\0\0\1\0" + data[claimed + 4 :])
+    with pytest.raises(InputError, match=r"65536 bytes, but 8128 are stored: .*damaged"):
+        read_arrays(tmp_path / "a.npz", MAX_FILE)

@@ -149,3 +149,11 @@ def test_who_waits_is_let_in_one_at_a_time_though_the_lock_is_removed_each_time(
     assert len(most) == 120
     assert max(most) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_link_to_the_folder_of_trained_networks_stays(tmp_path, monkeypatch):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "here"))
+    (tmp_path / "networks").mkdir()
+    (cache_dir() / "shared").symlink_to(tmp_path / "networks")
+    assert clear_cache() == (0, 0)
+    assert (cache_dir() / "shared").is_dir()

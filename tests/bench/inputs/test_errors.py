@@ -4,7 +4,7 @@ import os
 import pytest
 
 from bench import cli
-from bench.inputs.errors import said_by, unwritable, visible
+from bench.inputs.errors import InputError, readable, said_by, unwritable, visible
 
 
 @pytest.mark.parametrize(
@@ -51,3 +51,8 @@ def test_a_read_only_file_system_needs_another_place_and_not_more_room():
     assert said.startswith("out/a.npz: ")
     assert "$NEUBTF_CACHE" in said
     assert "$NEUBTF_CACHE" not in unwritable(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "a"))
+
+
+def test_a_file_that_may_not_be_read_is_not_called_damaged():
+    with pytest.raises(InputError, match=r"^a\.npz: .*denied.*permissions$"), readable("a.npz"):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), "a.npz")

@@ -151,7 +151,7 @@ def test_a_bad_setting_on_the_command_line_is_named(name):
         ("componets", "did you mean 'components'?"),
         ("heldot", "did you mean 'data.heldout'?"),
         ("pcb.components", "it runs no codec 'pcb'; did you mean 'pca'?"),
-        ("qqqq", r"a setting 'qqqq' \(or write data.qqqq\)"),
+        ("qqqq", "a setting 'qqqq': `neubtf-bench list codecs"),
     ],
 )
 def test_a_misspelled_setting_suggests_the_nearest(key, says):

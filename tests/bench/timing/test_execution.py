@@ -9,7 +9,7 @@ import torch
 from bench.inputs.errors import InputError
 from bench.material import CHUNK, DecoderCost, Material
 from bench.timing import execution
-from bench.timing.execution import Variant, prepared
+from bench.timing.execution import Variant, exists_on, prepared
 from bench.timing.fused import lean
 from bench.training.decoder import Architecture, Decoder
 from tests.bench.test_material import queries
@@ -31,6 +31,11 @@ def assert_same(ours: Material, tolerance: float, counts=(1, 100)) -> None:
     for count in counts:
         expected = Textured().query(*queries(count))
         torch.testing.assert_close(ours.query(*queries(count)), expected, rtol=tolerance, atol=tolerance)
+
+
+def test_the_fused_execution_is_of_float32_on_every_device():
+    assert exists_on(Variant("fused"), torch.device("cuda")) is (torch.version.hip is None)
+    assert not any(exists_on(Variant("fused", "tf32"), torch.device(kind)) for kind in ("cpu", "cuda"))
 
 
 def test_a_variant_is_named_by_execution_and_precision():
