@@ -29,7 +29,7 @@ _NOTE = (
 
 
 def times_tables(run: Run) -> Iterator[Table]:
-    """Up to four tables: times of settings as budgets use them, and those of `variant_tables`. Each only if it has a
+    """Up to five tables: times of settings as budgets use them, and those of `variant_tables`. Each only if it has a
     row."""
     yield from _settings_table(run, run.setting_timings)
     yield from variant_tables(run, "times")
@@ -40,7 +40,7 @@ def variant_tables(run: Run, kind: str) -> Iterator[Table]:
     take of a GPU besides time, settings over batches, and steps of fits."""
     # Only timings of settings in each execution and precision are compared with float64.
     variants = [timing for timing in run.timings if "of_tolerance" in timing]
-    steps = [timing for timing in run.timings if timing["execution"] == "fit step"]
+    steps = [timing for timing in run.timings if timing.get("execution") == "fit step"]
     tables = _variants_table(run, variants), _gpu_table(variants), _batches_table(variants), _steps_table(run, steps)
     for table in chain.from_iterable(tables):
         yield replace(table, kind=kind)
@@ -162,7 +162,7 @@ def _batches_table(timings: list[Timing]) -> Iterator[Table]:
         return
     columns = [Column("setting", "", "setting"), Column("execution", "", "execution")]
     columns += [Column(f"{batch:,}", "ns ↓", f"{batch:,}", -3, ranked=False) for batch in batches]
-    title = "Batches: ns a sample in float32, by the samples of a query"
+    title = "Batches: ns a sample in float32, by the samples of a call"
     yield written("times", title, pd.DataFrame(rows), columns, [], words=2)
 
 

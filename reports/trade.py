@@ -77,7 +77,7 @@ def _choices_table(material: str, rows: list[Timing], stale: set[str], whole: bo
             f"Left out, because others beat them at these pairs: {len(beaten)} choices. --all shows them, too."
         )
     shown = [row for row in rows if whole or row.get("job") not in beaten]
-    values = pd.DataFrame([_values_of_choice(row, fronts) | {"stale": row.get("job") in stale} for row in shown])
+    values = pd.DataFrame([_values_of_choice(row, fronts) | {"stale": row.get("of") in stale} for row in shown])
     notes.append(_note_on_conditions(shown))
     notes += [f"{name_of_choice(row)}: {row['error']}." for row in shown if "error" in row]  # why it could not be timed
     if values["above limit"].any():
@@ -149,7 +149,7 @@ def _stability_table(material: str, rows: Sequence[Timing], stale: set[str]) -> 
             # Without that of eager float32 its slices could not be read.
             gained = cast(float, row["psnr"]) - psnr_of_plain.get(row["label"], nan)
             numbers = {"time": row["ratio_to_floor"], "worst": worst, "gained": gained, "flip": row.get("flip")}
-            values.append({"codec": name_of_choice(row), **numbers, "stale": row.get("job") in stale})
+            values.append({"codec": name_of_choice(row), **numbers, "stale": row.get("of") in stale})
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."

@@ -23,6 +23,7 @@ from bench.records import (
     Statistics,
     Timing,
     codec_of,
+    counted,
     deciding_group,
     grouped,
     variant_of,
@@ -180,7 +181,7 @@ def usual_batch(variants: Sequence[Timing]) -> int:
 def on_front(rows: Sequence[Timing], cost: Literal["ns_per_sample", "bytes"]) -> set[str]:
     """The names of the choices, all with times and scores, that are on the Pareto front: no other has at least the PSNR
     for at most the cost, and is better in one."""
-    places = {row["job"]: (round(row["psnr"] or 0.0, 2), row[cost]) for row in rows}  # executions differ by rounding
+    places = {row["job"]: (round(counted(row["psnr"]), 2), row[cost]) for row in rows}  # executions differ by rounding
 
     def beaten(place: tuple[float, float]) -> bool:
         """Whether another place has at least the PSNR for at most the cost."""

@@ -28,5 +28,11 @@ def test_an_older_version_of_a_recipe_marks_no_row_of_another(made):
         assert {row[0] for row in table.rows} == {"neumip", "neumip recipe=paper †"}
 
 
+def test_a_choice_of_a_trade_is_as_old_as_its_file(made):
+    made.job("pca", fit_key=current_versions("pca")).job("vq", fit_key=current_versions("vq") | {"version": 1})
+    (table,) = all_tables(load_run(made.trade("pca", "vq").folder), kind="trade")
+    assert {row[0] for row in table.rows} == {"pca", "vq †", "floor"}
+
+
 def test_no_stale_row_stands_on_the_front_page():
     assert "†" not in (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")

@@ -2,6 +2,7 @@ from bench.compare.frame import EAGER, frame_of
 from bench.records import append, load_run
 from bench.records.schema import setting_name
 from reports import table_text
+from reports.tables import all_tables
 
 CONDITIONS = {"run": "1", "batch": 16384, "dtype": "float32", "threads": 1, "device": "cpu", "execution": "eager"}
 CONDITIONS |= {"queries": "random", "texture_fetch": True, "ns_per_sample": 400.0, "interval95_ns": [390.0, 410.0]}
@@ -31,3 +32,9 @@ def test_starts_without_a_name_as_references_have_them_leave_the_times_readable(
     more = {"flops": 50, "rounds": [7.0, 8.0], "ratio_to_floor": 7.5, "ratio_interval95": [7.0, 8.0]}
     append(made.folder, {"kind": "timing", "job": setting_name("pca", 50), "label": "pca"} | CONDITIONS | more)
     assert ": a processor, 1 thread" in table_text(made.folder, kind="times")
+
+
+def test_a_timing_by_hand_that_names_no_execution_is_none_of_a_step(made):
+    bare = {"kind": "timing", "job": "satin/pca/0", "run": "1", "ns_per_sample": 1.0, "interval95_ns": [1.0, 1.0]}
+    append(made.job("pca").folder, bare)
+    assert all_tables(load_run(made.folder), kind="times") == []

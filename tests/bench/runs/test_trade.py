@@ -280,7 +280,7 @@ def test_a_choice_is_on_a_front_where_nothing_is_as_good_for_less():
     rows = [
         {"psnr": 30.0, "ns_per_sample": 100.0, "bytes": 10},
         {"psnr": 30.0, "ns_per_sample": 90.0, "bytes": 20},
-        {"psnr": 100.0, "ns_per_sample": 900.0, "bytes": 900},
+        {"psnr": None, "ns_per_sample": 900.0, "bytes": 900},  # exact
         {"psnr": 29.0, "ns_per_sample": 95.0, "bytes": 5},
         {"psnr": 30.001, "ns_per_sample": 110.0, "bytes": 10},  # the first, computed otherwise
     ]
