@@ -445,7 +445,7 @@ class BTF:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hex digest of content, pairs, directions and split; two BTFs that share it hold the same table.
+        """Hex digest of content, pairs, directions, split and `periodic`; two BTFs that share it hold the same table.
 
         Pairs of low light are not part of it: they decide nothing, so scores with and without them are comparable.
         """

@@ -31,9 +31,9 @@ def _fault_of_decoder(material: Material, decoder: dict[str, Tensor]) -> str:
     stored = decoder_floats(decoder)  # a range: from the fewest numbers that the part may hold to the most
     if declared.parameters < held:
         return f"declares {declared.parameters:,} parameters, holds {held:,}: {_remedy(held)}"
-    # Parameters outside modules are not held, but then the file must store as many as are declared.
     explained = declared.parameters + declared.table_floats
-    if declared.parameters > held and explained not in stored:
+    # Parameters outside modules are not held, but then the file must store them.
+    if declared.parameters > held and explained >= stored.stop:
         return f"declares {declared.parameters:,} parameters, holds {held:,} in modules: {_remedy(held)}"
     if stored.start > explained:  # even the fewest numbers that the part may hold
         rest = stored.start - explained
@@ -103,7 +103,7 @@ def _plain_numbers(tensors: dict[str, Tensor]) -> int:
 def texture_floats(texture: dict[str, Tensor]) -> range:
     """The number of numbers in the textures of a file: one count, or a range if indices are packed into bytes.
 
-    Vectors of floats are not counted: they are scales, offsets and the like.
+    Single floats and vectors of floats are not counted: they are scales, offsets and the like.
     """
     counted = sum(values.numel() for values in texture.values() if values.ndim > 1)
     return _with_packed(counted, texture)
@@ -139,9 +139,9 @@ def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int |
 
     The finest textures are those of (H, W), or where every texture is coarser, the largest of them.
     """
-    shapes = [tuple(values.shape) for values in texture.values() if values.ndim != 1]
+    shapes = [tuple(values.shape) for values in texture.values() if values.ndim > 1]
     channels = [_channels_of_shape(shape, size) for shape in shapes]
-    packed = any(_may_be_packed(values) for values in texture.values() if values.ndim == 1)
+    packed = any(_may_be_packed(values) for values in texture.values())
     if packed or None in channels:
         return None
     full = sum(count for count in channels if count)  # of textures of (H, W)

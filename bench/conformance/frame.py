@@ -278,5 +278,5 @@ class FrameAnswers:
         return [(REMEDIES.get(name, f"your answers fit better {name}"), mistake) for name, mistake in likeliest]
 
     def undecided(self) -> list[str]:
-        """The wrong arrangements to which the answers are about as near as to the truth."""
+        """The wrong arrangements to which the answers are about as near as to the truth, or nearer."""
         return [description for description, share in self.shares().items() if share > RIGHT]

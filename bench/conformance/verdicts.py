@@ -37,7 +37,8 @@ class Result:
 def check(codec: str | Codec, show: Progress = silent, **settings: Any) -> Iterator[Result]:
     """Run the checks on a codec and yield each result; any exception of the codec is a failed check.
 
-    `codec` is a name, with its `settings` and otherwise short fits, or a codec as it is.
+    `codec` is a name, with its `settings` and otherwise short fits, or a codec as it is, which takes no settings.
+    `InputError` if there is no such codec, or it has no such settings.
 
     The codec encodes and answers; its answers repeat; they follow the material: if one of these stages fails, later
     ones are not tried, because they would fail for the same reason. The promises to a renderer and the quick extremes
@@ -132,9 +133,9 @@ def met_by_others(extreme: str) -> str:
 
 
 def job_of_counts(name: str) -> Job:
-    """Count a codec's decoder in a file of the small material: `label`, `settings`, `parameters`, `cost` of a record.
+    """A record of a codec whose decoder is counted in a file of the small material: `settings`, `parameters`, `cost`.
 
-    A codec with the recipe `paper` is counted as published.
+    It also has what names it, and no scores. A codec with the recipe `paper` is counted as published.
     """
     codec_class = load_codec(name)
     names = {field.name for field in dataclasses.fields(codec_class.Settings)}

@@ -41,7 +41,7 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
     """Write a BTF as one `.npz` (float32) if `out` has that ending, else as a folder of EXR pictures with `pairs.csv`.
 
     `show` is called for each slice. `out` appears only when it is complete; an existing `.npz` is replaced. Raises
-    `InputError` if `out` is a folder that is not empty, or cannot be made.
+    `InputError` as `check_place` does, and if `out` cannot be made.
     """
     check_place(out)
     btf = btf.without_low_light()  # no format of ours says which pairs these are, so a fit would train on them
@@ -66,7 +66,8 @@ def write_maps(maps: dict[str, Array], out: Path) -> None:
 
 
 def check_place(out: Path) -> None:
-    """Raise `InputError` if `write_btf` could not write, before any work starts."""
+    """Raise `InputError` if `write_btf` could not write, before any work starts: without the folder around it, over
+    another file or a folder that is not empty, or under the ending of a single picture."""
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out}: there is no such folder: make it first")
     if out.suffix == ".npz":  # a file, which may replace another

@@ -192,6 +192,7 @@ def repaired(btf: BTF, show: Progress = silent) -> BTF:
     """The BTF with values that are not finite masked as by `Repaired`; itself if there are none.
 
     A warning and `provenance["repaired"]` give their number and pairs. Reads every slice once, and tells `show`.
+    `InputError` for a pair of which a channel has no finite value.
     """
     source = Repaired(btf.source, btf.name)
     masked_values: dict[int, int] = {}  # index of a pair in the BTF → how many of its values are masked

@@ -11,8 +11,8 @@ from bench.directions.hemisphere import to_degrees
 
 
 def btf_fields(portrait: Look) -> dict[str, Any]:
-    """Size, directions, split, range of values and reader's notes of a BTF, what was found of its azimuths, and
-    warnings."""
+    """Size, directions, split, range of values, exposure, fingerprint and reader's notes of a BTF, what was found of
+    its azimuths, and warnings."""
     btf, halves = portrait.btf, portrait.half_vectors
     split = btf.split()
     low, high = portrait.extremes

@@ -116,7 +116,7 @@ def _refuse_not_finite(values: Array) -> None:
 
 
 def _directions(vectors: Array, name: str, count: int) -> Array:
-    """Unit vectors (count, 3) float32 of the array `wo` or `wi`; `name` is what errors call it."""
+    """Unit vectors (count, 3) float32 of the array `wo` or `wi`; `name` is what an `InputError` calls it."""
     if vectors.shape != (count, 3) or vectors.dtype.kind not in "fiu":
-        raise InputError(f"{name} is {vectors.shape}: it must be ({count}, 3), a direction for each slice of radiance")
+        raise InputError(f"{name} is {vectors.shape} {vectors.dtype}: it must be ({count}, 3) numbers, a row a slice")
     return unit_directions(vectors, lambda row: f"{name}[{row}]")

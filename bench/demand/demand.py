@@ -139,7 +139,8 @@ def _frames_and_provenance(stored: np.ndarray | None) -> tuple[tuple[int, int, i
 
 
 def _refuse_impossible(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
-    """Raise `InputError` unless each column of a demand exists, of its type and shape, with possible values."""
+    """Raise `InputError` unless each column of a demand exists, of its type and shape, with possible values for 1 to
+    `MOST` queries, and no other array."""
     for name in COLUMNS:
         if name not in arrays:
             raise InputError(f"no array {name!r}")

@@ -140,7 +140,7 @@ class SearchResult:
 
     full: Model
     scene: Model | None
-    why: str  # why there is no scene model, why it is smaller than the full one, or that it misses the goal
+    why: str  # why there is no scene model, why it is smaller than the full one, or that both miss the goal
     met: bool  # whether the goal is reached
     fits: int
     seconds: float  # processor time of all fits except the full model's
@@ -185,10 +185,12 @@ class Search:
             if full_meets and smallest.header.file_bytes >= full.header.file_bytes:
                 return None, "the scene needs everything"
             return smallest, what_is_needed(self.problem.needed, self.btf)
-        # If the full model misses the goal, too, the better of the two is chosen.
+        if full_meets:
+            return None, "no model of the scene is as good"
+        # Both miss the goal, so the better of the two is chosen.
         finest = max(models, key=lambda model: model.psnr_or_infinite)
-        is_better = not full_meets and finest.psnr_or_infinite > full.psnr_or_infinite
-        return finest if is_better else None, "no model of the scene is as good"
+        is_better = finest.psnr_or_infinite > full.psnr_or_infinite
+        return finest if is_better else None, "no model reaches the goal"
 
     def ladder(self, goal: Goal) -> Iterator[Model]:
         """Fit models of the scene, and yield each.
@@ -271,7 +273,8 @@ def psnr_outside(scorer: FrameScorer, material: Material) -> float | None:
 
 def psnr_held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
     """The mean display PSNR in dB of slices at the held-out pairs that lie in the scene, weighted by the demand around
-    them; None if there is none. `btf` has held-out pairs alone. No fit saw them, unlike the pairs of the frames."""
+    them; None if there is none. A slice counts as `MOST_DB` at most, also without error. `btf` has held-out pairs
+    alone. No fit saw them, unlike the pairs of the frames."""
     shares = shares_of_others(scorer.btf.layout, scorer.demand, btf.wo, btf.wi)
     if not shares.any():
         return None

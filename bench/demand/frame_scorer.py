@@ -29,8 +29,8 @@ PSNR, FLIP = (metrics.metric_of(NAMES, family) for family in (records.PSNR, reco
 
 
 def table_of(btf: BTF) -> BTF:
-    """The reference table of a BTF: all of it if its pairs form a product, else its training pairs, which do. Held-out
-    pairs scattered between the others would make the interpolated table uneven."""
+    """The reference table of a BTF: all of it if its pairs form a product, else its training pairs. Held-out pairs
+    scattered between the others would make the interpolated table uneven."""
     if btf.layout.grid is not None:
         return btf
     return btf.subset(btf.split().train)

@@ -76,10 +76,9 @@ def _finest_footprint(demand: Demand) -> float:
 
 def needed_pairs(layout: Layout, demand: Demand) -> Array:
     """Sorted indices of the pairs around a demand; for a product of directions, pairs that form a smaller product."""
+    share = pair_shares(layout, demand)
     if layout.grid is None:
-        return np.sort(_heaviest(pair_shares(layout, demand)))
-    weights = pair_weights(layout, demand)
-    share = shares_from_weights(weights, demand.importance, len(layout.view))
+        return np.sort(_heaviest(share))
     views = _needed_directions(layout.views, np.bincount(layout.view, share, len(layout.views)))
     lights = _needed_directions(layout.lights, np.bincount(layout.light, share, len(layout.lights)))
     return np.sort(layout.grid[np.ix_(views, lights)].ravel())

@@ -193,7 +193,7 @@ def shipped() -> dict[str, str]:
 
 
 def named_scene(name: str) -> Scene:
-    """A scene that ships with the suite, by name, or the scene of a TOML file."""
+    """A scene that ships with the suite, by name, or the scene of a TOML file. `InputError` if there is neither."""
     texts = shipped()
     if name in texts:
         return parse_scene(name, texts[name])
@@ -222,7 +222,7 @@ def parse_scene(name: str, text: str) -> Scene:
 
 
 def _frames(camera: Any) -> list[Any]:
-    """The tables of the cameras: one, or one for each entry of its path."""
+    """The tables of the cameras: one, or one for each entry of its path. `InputError` for a path without any."""
     if not isinstance(camera, dict) or "path" not in camera:
         return [camera]
     shared = {key: value for key, value in camera.items() if key != "path"}

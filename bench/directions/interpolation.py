@@ -3,8 +3,8 @@
 A *side* is the views, or the lights, of all pairs. One hemisphere is triangulated by Delaunay in its stereographic
 plane, where circles of the sphere stay circles, so the result is also the triangulation on the sphere; weights are
 barycentric in that plane. Pairs that form a product views × lights use the tensor product of the two sides (3 × 3
-pairs); scattered pairs use modified Shepard weights over the nearest eight. A side of one or two directions uses the
-nearest. A direction outside the hull is projected onto it.
+pairs); scattered pairs use modified Shepard weights over the nearest eight. A side that spans no triangle (one or two
+directions, or all on one line of the plane) uses the nearest. A direction outside the hull is projected onto it.
 
 The interpolated quantity is radiance / cos θ_i, multiplied by the cosine of the query. `PairInterpolator` folds both
 cosines into its weights, so a caller only sums weight × radiance.

@@ -256,6 +256,7 @@ def test_arrays_become_a_btf_that_is_encoded_and_scored(folder):
         ((np.where(radiance == radiance[3, 0, 0, 0], np.nan, radiance), wo, wi), r"radiance\[3\]: .* repair=True"),
         ((radiance, wo[:, [0, 2, 1]], wi), "is y up"),
         ((radiance, wo[:-1], wi), "wo is"),
+        ((radiance, wo > 0, wi), r"wo is \(\d+, 3\) bool"),
         ((radiance, wo, 2 * wi), r"wi\[0\]: .* unit vector"),
         ((radiance, 0 * wo + wo[0], 0 * wi + wi[0]), "pair 1: .* pair 0"),
         ((radiance, wo, wi, np.ones(len(wo), bool)), "heldout"),

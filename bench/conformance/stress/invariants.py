@@ -161,7 +161,10 @@ def near_double(dtype: torch.dtype, subject: Subject) -> Measured:
 
 
 def diverges(subject: Subject) -> None:
-    """A fit at an absurd learning rate says that it diverged, and leaves no file; so does that of a shared network."""
+    """A fit at an absurd learning rate says that it diverged, and leaves no file.
+
+    Of a codec without a learning rate, the fit of its shared network is tried.
+    """
     path = subject.tested.folder / f"diverged{container.SUFFIX}"
     codec = subject.tested.codec
     network = subject.tested.codec.network
@@ -217,7 +220,7 @@ def reciprocity(subject: Subject) -> Measured:
     error = asymmetry(subject.answers)
     require(error.isfinite(), "not finite", "the error of reciprocity is not finite")
     most = asymmetry(mean_colour()) * NO_WORSE
-    detail = f"the exchange of view and light changes f_r by {error:.1%} of its mean, a mean colour's by {most:.1%}"
+    detail = f"the exchange of view and light changes f_r by {error:.1%} of its mean, allowed {most:.1%}"
     require(error <= most, f"{error:.0%}", detail)
     return Measured(f"{error:.0%}")
 

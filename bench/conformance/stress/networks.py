@@ -33,6 +33,7 @@ FINITE = "finite and not negative"
 def scaled_texture(subject: Subject) -> Material:
     """The stored texture times 1e4; for a texture of eight bits, its scale and offset times 1e4."""
     stored = subject.parts.texture
+    applicable(stored, "stores no texture")
     floats = {name: values.float() * 1e4 for name, values in stored.items() if values.is_floating_point()}
     applicable(floats, "stores only indices, and no other numbers, a texel")
     return subject.decode(dataclasses.replace(subject.parts, texture=stored | floats))

@@ -174,7 +174,7 @@ def query(
 def not_above_horizon() -> Queries:
     """Views and lights in turns at z = 0, at −0 and below."""
     queries = spread()
-    side = torch.arange(COUNT) % 2 == 0  # the view of even queries is moved, the light of odd ones
+    side = torch.arange(COUNT) // 4 % 2 == 0  # the views of four queries are moved, then the lights of four
     flat = grazing(90.0)
     flat[:, 2] = torch.tensor([0.0, -0.0, -1e-30, 0.0]).repeat(COUNT // 4)
     turned_down = queries.wo * torch.tensor([1.0, 1.0, -1.0])

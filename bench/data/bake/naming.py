@@ -101,11 +101,12 @@ def inner_maps(folder: Path) -> list[Path]:
 def no_albedo_fault(folder: Path) -> str:
     """Why the files of a folder are not maps, and the remedy; a folder of pictures may also be meant as a BTF.
 
-    The message lists the first dozen of its files, or the folder in it that holds maps.
+    The message lists the first dozen of its files, or up to three folders in it that hold maps.
     """
     inner = inner_maps(folder)
     if inner:
-        return f"the maps lie in {' and '.join(map(str, inner[:3]))}: give that folder"
+        which = "that folder" if len(inner) == 1 else "one of these folders"
+        return f"the maps lie in {' and '.join(map(str, inner[:3]))}: give {which}"
     names = os.listdir(folder)
     listed = ", ".join(sorted(names)[:12]) or "nothing"
     remedy = "name one like albedo.png or NAME_diff.jpg, or give bake --map albedo=FILE"
@@ -207,8 +208,11 @@ def _second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict[str,
         roles.sort(key=lambda role: role not in by_user)
         reasons |= dict.fromkeys(roles[1:], _SAME_MAP)
     packed = [role for role in ("packed", "metallic_smoothness") if role in files]  # each holds both maps
-    are_separate = "metalness" in files and ("roughness" in files or "smoothness" in files)
-    if are_separate:
+    packed.sort(key=lambda role: role not in by_user)
+    separate = [role for role in ("metalness", "roughness", "smoothness") if role in files]
+    if packed and packed[0] in by_user:
+        return reasons | dict.fromkeys([role for role in separate + packed[1:] if role not in by_user], _SAME_MAP)
+    if "metalness" in separate and len(separate) > 1:
         return reasons | dict.fromkeys(packed, "the folder has separate roughness and metalness")
     return reasons | dict.fromkeys(packed[1:], _SAME_MAP)
 

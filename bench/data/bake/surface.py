@@ -63,8 +63,8 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
 
     `depth` is the height of code 1 (white) over code 0 (black) of the displacement, in units of the picture's width. By
     default its slopes fit the normal map best; without a normal map it is 0.02. Raises `InputError` that names the file
-    if pictures cannot be read or differ in proportion, and if `depth` is not between 0 and 1. Warns of pictures that
-    may be maps but are not used.
+    if pictures cannot be read, are no such maps or differ in proportion, and if `size` is below 1 or the depth is not
+    between 0 and 1. Warns of pictures that may be maps but are not used.
     """
     if depth is not None and not 0 <= depth <= 1:
         raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
@@ -104,7 +104,10 @@ class _Reader:
     """
 
     def __init__(self, map_files: MapFiles, size: int):
-        """Read the albedo, whose shape all maps must have in proportion; `size` is that of `read_surface`."""
+        """Read the albedo, whose shape all maps must have in proportion; `size` is that of `read_surface`.
+
+        `InputError` for a size below 1, or an albedo outside [0, 1].
+        """
         if size < 1:
             raise InputError(f"size must be at least 1, not {size}")
         self.files = FolderFiles(map_files.folder)
@@ -266,7 +269,10 @@ def _range_of_unit(heights: Array, fitted_depth: float | None) -> tuple[float, f
 
 
 def _normals(reader: _Reader, role: str) -> Array | None:
-    """Unit normals (H, W, 3) as a map's codes say, whether its green points up or down; None without a map."""
+    """Unit normals (H, W, 3) as a map's codes say, whether its green points up or down; None without a map.
+
+    `InputError` for normals that are not of tangent space.
+    """
     codes = reader.codes(role)
     if codes is None:
         return None

@@ -22,7 +22,7 @@ import numpy as np
 Array = Any  # over points: NumPy's, or a tensor
 Values = Any  # an array, or one number for all points
 DIELECTRIC_F0 = 0.04
-MIN_ALPHA = 1e-3  # keeps the peak 1 / (π α²) inside float16
+MIN_ALPHA = 1e-3  # keeps the peak 1 / (π α²) below 3.2e5
 
 
 @dataclass(frozen=True)

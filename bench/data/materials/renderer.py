@@ -343,7 +343,7 @@ def render(
     `wo` and `wi` are (N, 3) unit vectors with z > 0; `size` is (H, W), rows at the top first. `out`, any float array of
     that shape such as a memory map, receives the slices, with infinity for highlights that its type cannot hold; None
     makes a float32 array. `show(label, done, N)` is called after each view. Uses one thread for each processor that
-    this process may use; the result does not depend on their number.
+    this process may use; the result does not depend on their number. `InputError` for other directions or sizes.
     """
     wo = np.asarray(wo, np.float32).reshape(-1, 3)
     wi = np.asarray(wi, np.float32).reshape(-1, 3)

@@ -1,7 +1,8 @@
 """Any number of training surfaces for shared networks, which are then measured on the built-in materials.
 
-Half are the built-in recipes that are procedural (satin, brushed metal, leather, cable-knit) with every parameter drawn
-at random; the photographs (brick, gravel, grass) are left out, because another colour would not change their relief.
+Half are four of the built-in recipes (satin, brushed metal, leather, cable-knit) with every parameter drawn at random.
+The photographs (brick, gravel, grass) are left out, because another colour would not change their relief; hammered
+copper and wicker are kept apart.
 The other half are patchworks: two substances over a random relief. Number n is the same surface everywhere.
 
 A *recipe* is a class of parameters that makes a material's maps; heights are in units of the tile's width.
@@ -124,7 +125,7 @@ def _patchwork(rng: np.random.Generator) -> Patchwork:
     )
 
 
-# The built-in procedural recipes, with every parameter drawn: name → a function of the generator that draws one.
+# Four built-in recipes, with every parameter drawn: name → a function of the generator that draws one.
 _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
     "satin": lambda rng: Satin(
         resolution=RESOLUTION,

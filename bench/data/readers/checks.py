@@ -152,7 +152,8 @@ def in_degrees(theta: Array, phi: Array, label: str, angles: str) -> tuple[Array
 
 
 def warn_of_radians(wo: Array, wi: Array, label: str) -> None:
-    """Warn if directions (N, 3) all lie so near the normal that radians seem to have been taken for degrees."""
+    """Warn if directions (N, 3) all lie so near the normal that radians seem to have been taken for degrees, or if that
+    holds for some of their angles alone, such as θ of the views."""
     if _seem_radians(*to_degrees(np.concatenate([wo, wi]))):
         fault = "every theta is below 1.6 degrees and every phi below 6.3, as if from radians taken for degrees"
         log.warning("%s: %s: multiply the angles by 180 / pi before you make vectors of them", label, fault)
@@ -250,7 +251,8 @@ def refuse_extremes(btf: BTF) -> None:
     a run, which hold no number above 1e18.
 
     It reads `LOOKED_AT` slices of the BTF. Too large is a matter of the largest value, too small of the 99th
-    percentile, which a few stray bright values do not raise. Black data are allowed.
+    percentile, which a few stray bright values do not raise; of the largest value, too, where less than 1 % is lit.
+    Black data are allowed.
     """
     largest, bright = _largest_and_bright(btf)
     if largest > LARGEST:
@@ -258,7 +260,8 @@ def refuse_extremes(btf: BTF) -> None:
         fault = f"its largest value is {largest:.3g}, above {LARGEST:g}"
     elif 0 < bright < SMALLEST:
         extreme = bright
-        fault = f"the 99th percentile of its values is {bright:.3g}, below {SMALLEST:g}"
+        which = "its largest value" if bright == largest else "the 99th percentile of its values"
+        fault = f"{which} is {bright:.3g}, below {SMALLEST:g}"
     else:
         return
     factor = 10.0 ** -round(math.log10(extreme))  # brings that value near 1

@@ -57,7 +57,8 @@ def attributes_of(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int
     (version,) = struct.unpack_from("<I", data, 4)  # after four bytes of the signature
     # The low byte is the version; the bits of 0x1800 say deep and multi-part.
     if version & 0xFF != 2 or version & 0x1800:
-        fault = f"this EXR is deep or multi-part (version field {version:#x})"
+        kind = "deep or multi-part" if version & 0xFF == 2 else f"of version {version & 0xFF}, not 2"
+        fault = f"this EXR is {kind} (version field {version:#x})"
         raise InputError(f"{label}: {fault}: save it as a single flat part")
     attributes: dict[str, bytes] = {}
     offset = 8

@@ -78,10 +78,14 @@ def opened(seen: Candidate) -> BTF | None:
 def _folder_of(seen: Candidate) -> Path | None:
     """The folder with a list that is given, or that holds the list that is given; None for anything else.
 
-    `InputError` if a folder has the list under a name in another letter case, like `Pairs.csv`.
+    `InputError` for a list with another name, such as one in another letter case, like `Pairs.csv`.
     """
-    if not seen.is_folder:  # a file is the list if its first line is such a header; it must still be called `pairs.csv`
-        return seen.path.parent if ANGLES[0] in seen.first_line.lower() else None
+    if not seen.is_folder:
+        if ANGLES[0] not in seen.first_line.lower():  # of a header of such a list
+            return None
+        if seen.path.name != LIST:  # else the `pairs.csv` beside it would be read in its place
+            raise InputError(f"{seen.path}: it is a list of pairs under another name: call it {LIST}")
+        return seen.path.parent
     if (seen.path / LIST).is_file():
         return seen.path
     for name in os.listdir(seen.path):
@@ -138,7 +142,7 @@ def _check_header(path: Path, header: list[str]) -> None:
 
 
 def _stated_angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
-    """θ_o, φ_o, θ_i, φ_i of line `number`, as stated: in degrees, if the list is right."""
+    """θ_o, φ_o, θ_i, φ_i of line `number`, as stated: in degrees, if the list is right. `InputError` for no number."""
     values = []
     for name in ANGLES:
         try:
@@ -150,7 +154,10 @@ def _stated_angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
 
 
 def _heldout(path: Path, rows: list[tuple[int, dict[str, str]]]) -> Array | None:
-    """The mask (N,) of held-out pairs from the column `split`; None without that column, or if it holds nothing out."""
+    """The mask (N,) of held-out pairs from the column `split`; None without that column, or if it holds nothing out.
+
+    `InputError` for other words in it, or if it leaves nothing to train on.
+    """
     _, first_row = rows[0]
     if "split" not in first_row:
         return None
@@ -164,7 +171,10 @@ def _heldout(path: Path, rows: list[tuple[int, dict[str, str]]]) -> Array | None
 
 
 def _notes(path: Path) -> dict[str, Any]:
-    """The object in `btf.json`, as `write_folder` made it or someone wrote it by hand; {} without that file."""
+    """The object in `btf.json`, as `write_folder` made it or someone wrote it by hand; {} without that file.
+
+    `InputError` if the file is too large, damaged or of another form.
+    """
     if not path.is_file():
         return {}
     with readable(str(path), "mend the file or remove it"):
@@ -173,6 +183,8 @@ def _notes(path: Path) -> dict[str, Any]:
         notes = json.loads(path.read_text("utf-8"))
     if not isinstance(notes, dict) or not isinstance(notes.get("provenance", {}), dict):
         raise InputError(f"{path}: it must hold an object with an object `provenance`: mend the file or remove it")
+    if not isinstance(notes.get("periodic", False), bool):  # any text would count as true
+        raise InputError(f"{path}: periodic = {str(notes['periodic'])[:40]!r}: write true or false")
     return notes
 
 

@@ -76,7 +76,7 @@ def _btf_of_file(path: Path) -> BTF:
         count, height, width = colour.shape[:3]
         if count > MAX_PAIRS or height * width > MAX_PIXELS:
             limit = f"{MAX_PAIRS} pairs" if count > MAX_PAIRS else f"{MAX_PIXELS} pixels"
-            raise InputError(f"{path}: {COLOUR} of {colour.shape} is too large: the limit is {limit}")
+            raise InputError(f"{path}: {COLOUR} of {colour.shape} is too large: the limit is {limit}: split it")
         wo = _directions(path, VIEW, view, count)
         wi = _directions(path, LIGHT, light, count)
         pictures_a_chunk = colour.chunks[0] if colour.chunks else 1  # without chunks each picture is read alone
@@ -120,7 +120,8 @@ def _float_data_set(path: Path, file: Any, key: str) -> Any:
     # Compression may shrink values `RATIO` times at most; what claims more would fill the memory.
     believable_bytes = max(LEAST, RATIO * data.id.get_storage_size())
     if claimed_bytes > believable_bytes or chunk_bytes > MAX_FILE:
-        raise InputError(f"{path}: {key} of {data.shape} in chunks of {data.chunks} is more than its bytes can hold")
+        fault = f"{key} of {data.shape} in chunks of {data.chunks} is more than its bytes can hold"
+        raise InputError(f"{path}: {fault}: write the file again")
     _refuse_unwritten(path, key, data)
     return data
 

@@ -1,4 +1,5 @@
-"""A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,) and `periodic`.
+"""A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,), `periodic` and
+`provenance`.
 
 Or a mean ABRDF, the geometric mean over all texels. `rgb_geomean` (V, V, 3) holds it by view and light; views and
 lights are the same V directions, of angles `theta_deg` and `phi_deg` (V,).
@@ -115,7 +116,7 @@ def _directions(files: ZipFiles, key: str, count: int) -> Array:
     """Unit vectors (count, 3) float32 of the array `wo` or `wi`; `InputError` names the first row that is none."""
     vectors = stored(files, key)
     if vectors.shape != (count, 3) or vectors.dtype.kind not in "fiu":
-        raise InputError(f"{files.path}: {key} is {vectors.shape}: it must be ({count}, 3), a direction a pair")
+        raise InputError(f"{files.path}: {key} is {vectors.shape} {vectors.dtype}: it must be ({count}, 3) numbers")
     return unit_directions(vectors.values(), lambda row: f"{files.path}: {key}[{row}]")
 
 

@@ -36,7 +36,8 @@ def entries(built_in: Collection[str]) -> dict[str, EntryPoint]:
 def opened(seen: Candidate, readers: Iterable[EntryPoint]) -> tuple[BTF | None, list[str]]:
     """The BTF of the first of these readers that knows the format of `seen`, None if none does; and faults.
 
-    A fault is a sentence on a reader that cannot be imported, which does not stop the others. Raises `PluginError` that
+    A fault is a sentence on a reader that cannot be imported or has no function `opened`, which does not stop the
+    others. Raises `PluginError` that
     names the reader, if it fails or returns something else than a BTF whose first slice is (H, W, 3) float32; an
     `InputError` of its own, which is about the file, is passed on.
     """
@@ -55,8 +56,9 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint]) -> tuple[BTF | None, 
             raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
         # Read from the source: `btf[0]` would refuse NaN, which the option --repair may mask later.
         first = _call(entry, seen, btf.source.slice, int(btf.pairs[0]))
-        if first.shape != (*btf.shape, 3) or first.dtype != np.float32:
-            fault = f"slice 0 is {first.shape} {first.dtype}, but must be {(*btf.shape, 3)} float32"
+        form = f"{first.shape} {first.dtype}" if isinstance(first, np.ndarray) else f"a {type(first).__name__}"
+        if form != f"{(*btf.shape, 3)} float32":
+            fault = f"slice 0 is {form}, but must be {(*btf.shape, 3)} float32"
             raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
         return btf, faults
     return None, faults

@@ -97,9 +97,11 @@ def _header(files: Files, name: str, is_colour: bool = True, rgb_is_xyz: bool = 
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
     height, width = stored_size
     # A false size would reserve memory that the file can never fill.
-    if min(stored_size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * file_bytes):
+    if min(stored_size) < 1 or height * width > PIXELS_PER_BYTE * file_bytes:
         fault = f"its header says {width} x {height} pixels, but it has {file_bytes} bytes"
         raise InputError(f"{label}: {fault}: get it again")
+    if height * width > MAX_PIXELS:
+        raise InputError(f"{label}: {width} x {height} pixels are more than {MAX_PIXELS:,}: save it smaller")
     colour: Colour | None = None
     ignored: list[str] = []
     with readable(label, _DAMAGED):
@@ -169,7 +171,9 @@ class PictureSource(Source):
     """
 
     def __init__(self, files: Files, names: Sequence[str], labels: Sequence[str] | None = None, **options: Any):
-        """Check by headers that every picture exists and has the same size; `InputError` for the first that does not.
+        """Check by headers that every picture exists, can be read, and has the same size, and that no pair repeats one.
+
+        `InputError` for the first that does not.
 
         `names` has the file of each pair. `labels` name the entries of the pairs in errors, such as lines of a list; by
         default they are the files themselves. `options` go to `read_picture`.

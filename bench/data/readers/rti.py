@@ -82,7 +82,7 @@ def _read_list(path: Path) -> list[_Entry]:
     if not lines:
         raise InputError(f"{path}: it is empty: give the count of images, and a line for each")
     count = None
-    _, first_line = lines[0]
+    first_number, first_line = lines[0]
     if first_line.isdecimal():  # the count; else it is an entry already
         count = int(first_line[:18])  # longer numbers are wrong anyway, and would take long to convert
         del lines[0]
@@ -90,7 +90,7 @@ def _read_list(path: Path) -> list[_Entry]:
     if count is None:
         log.warning("%s: its first line is not the count of images: all %d lines are taken", path, len(entries))
     elif count != len(entries) or not entries:
-        raise InputError(f"{path}: line 1 says {count} images, {len(entries)} are listed: correct it")
+        raise InputError(f"{path}: line {first_number} says {count} images, {len(entries)} are listed: correct it")
     return entries
 
 

@@ -114,7 +114,7 @@ def _image_size(files: FolderFiles) -> int:
             raise InputError(f"{label}: {key} = {notes[key]!r}: only {known} is read")
     size = _number(notes, "imageSize", label)
     if not 1 <= size <= MAX_SIZE:
-        raise InputError(f"{label}: imageSize = {size}: it must be 1 to {MAX_SIZE}")
+        raise InputError(f"{label}: imageSize = {size}: it must be 1 to {MAX_SIZE}; get the file again")
     return size
 
 
@@ -152,7 +152,7 @@ class LocalPCA(Source):
         height, width = self._checked_size(WEIGHTS)
         if height * width < PIXELS:  # it may have more: only the first ones are read
             fault = f"{width} x {height} pixels are too few: {PIXELS} hold the weights"
-            raise InputError(f"{files.label(WEIGHTS)}: {fault}")
+            raise InputError(f"{files.label(WEIGHTS)}: {fault}: get it again")
 
     def _checked_size(self, name: str) -> tuple[int, int]:
         """(H, W) of a picture from its header; `InputError` if it is missing, or no PNG of this format."""

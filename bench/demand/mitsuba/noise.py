@@ -52,7 +52,7 @@ class _Way:
 
 def reached(file: Path, drawn: Sequence[Tensor | None], picture: Picture = Picture()) -> list[Reached]:
     """The figures of a codec file for each of several lobes (cells, cells, 5); None draws by the cosine. All take
-    turns. Raises `InputError` if Mitsuba cannot run here, or the file cannot be recorded."""
+    turns. Raises `InputError` if Mitsuba cannot run here, the file cannot be recorded, or the picture is black."""
     set_variant()
     properties = mi.Properties(NAME)
     properties["filename"], properties["repeat"] = str(file), REPEAT
@@ -83,7 +83,10 @@ def reached(file: Path, drawn: Sequence[Tensor | None], picture: Picture = Pictu
 
 
 def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
-    """The figures of pictures (n, H, W, 3) with `samples` a pixel; one sample of all pixels takes `seconds`."""
+    """The figures of pictures (n, H, W, 3) with `samples` a pixel; one sample of all pixels takes `seconds`.
+
+    `InputError` for black pictures.
+    """
     if not pictures.mean() > 0:
         raise InputError("the picture is black: it has no noise to measure")
     variance = pictures.mean(3).var(0, ddof=1).mean() * samples

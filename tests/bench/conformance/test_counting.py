@@ -66,6 +66,8 @@ def test_plain_tensors_of_the_decoder_part_must_be_declared():
     assert fault(holding({"parameters": 640}, **weights), file_of(weights)) == ""
     assert fault(holding({"table_floats": 640}, **weights), file_of(weights)) == ""
     assert re.search(r"\b700\b.*\b0\b", fault(holding({"parameters": 700}), file_of(weights)))
+    said = fault(holding({"parameters": 640}, **weights), file_of(weights | {"basis": torch.rand(10, 5)}))
+    assert re.search(r"\b690\b.* 50 of them.*parameters=690\b.*table_floats=50\b", said)
 
 
 def test_what_a_network_does_not_explain_is_named_beside_it():
@@ -92,6 +94,7 @@ def test_weights_beside_codes_are_numbers_of_the_decoder():
         (((8, 8, 3), (4, 4, 5)), 3),
         (((4, 4, 5),), 5),  # of a coarser texture alone
         (((4, 4, 5), (4, 4, 2), (2, 2, 9)), 7),
+        (((8, 8, 3), (3,), ()), 3),  # beside a vector of scales and a single one
     ],
 )
 def test_the_channels_are_those_of_the_finest_textures(shapes, channels):

@@ -10,6 +10,7 @@ from bench.codecs.registry import codec_entries, from_outside, load_codec
 from bench.conformance.stress import CASES, metrics, properties
 from bench.conformance.stress.case import subject_of
 from bench.conformance.stress.invariants import wild_rates
+from bench.conformance.stress.queries import not_above_horizon
 from bench.conformance.verdicts import stress_reference
 from bench.inputs.errors import InputError
 from bench.records import load_run
@@ -23,6 +24,15 @@ def test_what_no_surface_looks_like_is_not_asked_of_a_model_of_reflectance(tmp_p
     for name in unphysical:
         assert verdict(physical, name, tmp_path, monkeypatch).verdict == "n/a"
     assert verdict(physical, "all zero", tmp_path, monkeypatch).verdict == "pass"
+
+
+def test_views_and_lights_alike_lie_at_the_horizon_and_below():
+    asked = not_above_horizon()
+    for z in (asked.wo[:, 2], asked.wi[:, 2]):
+        assert (z[z <= 0] == 0).sum() == 16  # of 0 and −0
+        assert (z.signbit() & (z == 0)).sum() == 8
+        assert ((z < 0) & (z > -1e-20)).any()
+        assert (z < -0.1).sum() == 8
 
 
 @pytest.mark.parametrize("name", ["fp16, all of the above", "fp16 against fp64"])

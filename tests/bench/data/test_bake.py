@@ -276,6 +276,16 @@ def test_a_second_packed_map_is_left_out_for_the_first(tmp_path):
     assert list(maps.unused) == ["a_MetallicSmoothness.png"]
 
 
+def test_a_packed_map_given_by_hand_goes_before_maps_by_name(tmp_path):
+    for name in ("a_color", "a_rough", "a_metal", "a_arm", "a_MetallicSmoothness"):
+        (tmp_path / f"{name}.png").touch()
+    assert set(recognise(tmp_path).files) == {"albedo", "roughness", "metalness"}
+    for role, name in (("packed", "a_arm.png"), ("metallic_smoothness", "a_MetallicSmoothness.png")):
+        assert recognise(tmp_path, {role: name}).files == {"albedo": "a_color.png", role: name}
+    both = recognise(tmp_path, {"packed": "a_arm.png", "roughness": "a_rough.png"})
+    assert set(both.files) == {"albedo", "packed", "roughness"}
+
+
 @pytest.mark.parametrize("metal", ["a_metallic", "a_ORM"])
 def test_a_base_colour_goes_before_a_diffuse_one_where_there_is_metalness(tmp_path, metal):
     for name in ("a_baseColor", "a_diffuse", "a_rough"):
@@ -304,8 +314,11 @@ def test_a_second_map_that_cannot_be_read_does_not_stand_in_the_way(tmp_path):
 def test_maps_in_a_folder_of_the_folder_are_found_and_named(tmp_path):
     save(tmp_path / "textures", rock_diff=flat((0.5, 0.5, 0.5)))
     for attempt in (recognise, open_btf):
-        with pytest.raises(InputError, match=str(tmp_path / "textures")):
+        with pytest.raises(InputError, match=f"{tmp_path / 'textures'}: give that folder"):
             attempt(tmp_path)
+    save(tmp_path / "more", rock_diff=flat((0.5, 0.5, 0.5)))
+    with pytest.raises(InputError, match="give one of these folders"):
+        recognise(tmp_path)
 
 
 def test_folders_that_cannot_be_baked_are_explained(tmp_path):

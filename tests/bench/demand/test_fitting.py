@@ -214,6 +214,7 @@ def test_a_target_is_met_or_the_best_is_given(tmp_path):
     high = looking.run(Goal(psnr=90.0))
     assert not high.met
     assert high.chosen.psnr == max(high.full.psnr, high.chosen.psnr)
+    assert high.why == "no model reaches the goal"
     assert not looking.run(Goal(flip=0.0)).met
     everything = search(tmp_path, random_demand(), Table()).run()
     assert everything.scene is None

@@ -4,6 +4,7 @@ import pytest
 from bench.btf import BTF, ArraySource
 from bench.data.readers.checks import in_degrees, refuse_extremes, warn_of_radians
 from bench.directions.hemisphere import from_degrees, uniform
+from bench.inputs.errors import InputError
 
 
 def test_extremes_are_looked_for_in_each_channel():
@@ -12,6 +13,15 @@ def test_extremes_are_looked_for_in_each_channel():
     radiance[..., 0] = 1e-14
     up = np.array([[0, 0, 1]], np.float32)
     refuse_extremes(BTF("hardly any red", up, up, ArraySource(radiance)))
+
+
+def test_the_words_for_dim_data_say_which_value_is_too_small():
+    """Where less than 1 % of the values are lit, the 99th percentile is 0, which is no fault."""
+    radiance = np.zeros((1, 20, 20, 3), np.float32)
+    radiance[0, 0, 0] = 1e-20
+    up = np.array([[0, 0, 1]], np.float32)
+    with pytest.raises(InputError, match=r"its largest value is 1e-20, below 1e-12"):
+        refuse_extremes(BTF("one dim texel", up, up, ArraySource(radiance)))
 
 
 RNG = np.random.default_rng(0)

@@ -112,6 +112,19 @@ def test_a_list_whose_name_differs_in_letter_case_is_named(refused, tmp_path):
     refused(folder, r"Pairs\.CSV: .*pairs\.csv")
 
 
+def test_a_list_under_another_name_is_not_taken_for_the_one_beside_it(refused, tmp_path):
+    folder = make(tmp_path / "x", [A, B])
+    (folder / "some.csv").write_text(f"{HEADER}\n{A}\n")
+    assert len(open_btf(folder / "pairs.csv")) == 2
+    refused(folder / "some.csv", r"call it pairs\.csv")
+
+
+def test_what_says_periodic_is_a_boolean(refused, tmp_path):
+    folder = make(tmp_path / "x", [A, B])
+    (folder / "btf.json").write_text('{"periodic": "false"}')
+    refused(folder, r"btf\.json: periodic = 'false': write true or false")
+
+
 def test_nan_pixels_are_named_when_the_slice_is_read(tmp_path):
     folder = make(tmp_path / "x", ["bad.exr,0,0,0,0"])
     picture = np.ones((4, 4, 3), np.float32)

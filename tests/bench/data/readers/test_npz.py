@@ -54,6 +54,7 @@ def test_files_of_numpy_are_read(tmp_path, save):
         ({"heldout": np.array([True, True])}, "heldout.*train"),
         ({"heldout": np.array([1.0, 0.0])}, "mask"),
         ({"wo": np.array([{}, {}], object)}, r"wo\.npy"),
+        ({"wo": UP > 0}, r"wo is \(2, 3\) bool"),
         ({"rgb_geomean": np.ones((2, 3, 3), np.float32)}, r"rgb_geomean is \(2, 3, 3\)"),
         ({"theta_deg": np.array([0.0, 91.0])}, "direction 1: theta_deg"),
         ({"phi_deg": np.zeros(3)}, "phi_deg"),

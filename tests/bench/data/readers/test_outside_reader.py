@@ -96,10 +96,12 @@ def test_run_encode_and_list_take_it(installed, file, tmp_path, capsys):
         ("rows = np", "rows = 1 / 0, np", "ZeroDivisionError"),
         ("return BTF(", "return repr(seen) or BTF(", r"opened.*\bstr\b.*\bBTF\b"),
         ("ArraySource(rows", "Odd(rows", r"\(3,\) float64.*\(1, 1, 3\) float32"),
+        ("ArraySource(rows", "Listed(rows", r"slice 0 is a list.*\(1, 1, 3\) float32"),
     ],
 )
 def test_what_is_wrong_with_it_is_one_line_that_names_it_and_the_file(installed, file, old, new, says):
     odd = "\nclass Odd(ArraySource):\n    def slice(self, pair):\n        return np.ones(3)\n"
+    odd += "\nclass Listed(ArraySource):\n    def slice(self, pair):\n        return [[[1.0, 1.0, 1.0]]]\n"
     assert old in SOURCE
     installed(SOURCE.replace(old, new) + odd)
     with pytest.raises(InputError, match=rf"some\.grey: .*reader grey.*greys.*{says}") as raised:

@@ -270,13 +270,19 @@ HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_%s\n\n-Y %d +X %d\n\0\0\0\0"
         (header(60000, 8) + b"\0\0\0\0IDAT", "pixels, but it has"),
         (header(64, 16) + chunk(b"IDAT", zlib.compress(bytes(50_000_000), 9)) + chunk(b"IEND", b""), "inflate beyond"),
         (HDR % (b"rgbe", 1000000000, 1000000000), "pixels, but it has"),
+        (
+            header(9000, 8) + chunk(b"IDAT", bytes(10_000)),
+            "9000 x 9000 pixels are more than 67,108,864: save it smaller",
+        ),
+        (b"\x76\x2f\x31\x01" + struct.pack("<I", 1), "version 1, not 2"),
+        (b"\x76\x2f\x31\x01" + struct.pack("<I", 0x1002), "deep or multi-part"),
         (HDR % (b"xyze", 1, 1), "32-bit_rle_rgbe"),
         (b"\xff\xd8\xff\xe0\0\x10JFIF", "truncated"),
         (b"hello world, no picture", "begins with b'hello wo'"),
         (b"", "begins with b''"),
         ("CMYK", "4 channels"),
     ],
-    ids=range(8),
+    ids=range(11),
 )
 def test_damaged_headers_are_refused_before_anything_is_allocated(tmp_path, content, message):
     if content == "CMYK":
