@@ -74,7 +74,7 @@ def check_place(out: Path) -> None:
         if out.is_dir():
             raise InputError(f"{out}: it is a folder: choose another name")
         return
-    if out.suffix.lower() in (".exr", ".png", ".npy", ".btf"):
+    if out.suffix.lower() in (".npz", ".exr", ".png", ".npy", ".btf"):
         raise InputError(f"{out}: it would be a folder of pictures: name it without this ending, or end it in .npz")
     is_taken = out.is_file() or (out.is_dir() and any(out.iterdir()))
     if is_taken:

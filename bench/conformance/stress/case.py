@@ -168,7 +168,8 @@ def judge(case: Case, subject: Subject) -> CaseVerdict:
 def verdict_of(
     test: Callable[[], Measured | None], inapplicable: type[Exception], described: Callable[[BaseException], str]
 ) -> CaseVerdict:
-    """The result of a test, with its duration: any exception is a failure, except a reason why it does not apply.
+    """The result of a test, with its duration: any exception is a failure, except a reason why it does not apply, and
+    `KeyboardInterrupt`, which is passed on.
 
     `inapplicable` is the kind of exception that gives such a reason; `described` puts an unexpected one into words.
     """

@@ -65,7 +65,7 @@ def long_strip() -> BTF:
 
 
 def beyond_half() -> BTF:
-    """1e6, too large for a half, in all views on 2 of 16 × 16 texels.
+    """1e6, too large for a half, at all pairs on 2 of 16 × 16 texels.
 
     Metrics expose a material by the 99th percentile of each slice, which so few texels do not change.
     """
@@ -168,7 +168,7 @@ def no_worse_than_allowed(encoded: Encoded, allowed: dict[str, float]) -> Measur
 
 
 def no_worse(encoded: Encoded) -> Measured:
-    """Check that the decoded slices are no worse than mean-colour; `used` is their share of that error."""
+    """Check that the decoded slices are no worse than `mean_colour_bound`; `used` is their share of that error."""
     return no_worse_than_allowed(encoded, mean_colour_bound(encoded))
 
 

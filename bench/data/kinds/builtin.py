@@ -41,7 +41,7 @@ class BuiltIn(Kind):
 
     def ignores(self, spec: MaterialSpec, key: str) -> str:
         if key == "data.renderer":
-            return f"mitsuba bakes only folders of maps, and {spec.name} is built in"
+            return f"mitsuba bakes only folders of maps, and {spec.name} is built in: leave it out"
         return no_such_setting(spec, "rendered", key, OF_MEASURED)
 
 

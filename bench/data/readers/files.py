@@ -56,7 +56,7 @@ class FolderFiles:
             return (self.root / name).stat().st_size
 
     def head(self, name: str, count: int) -> bytes:
-        """The first `count` bytes, or fewer if the file ends."""
+        """The first `count` bytes, or fewer if the file ends. `InputError` for a pipe."""
         refuse_pipe(self.root / name)
         with readable(self.label(name)), open(self.root / name, "rb") as stream:
             return stream.read(count)
@@ -70,7 +70,8 @@ class FolderFiles:
     def digest(self, names: Iterable[str]) -> str:
         """Hex SHA-256 of files: of their names and sizes, and of their bytes.
 
-        Of files with more than `WHOLE` bytes together, only blocks are read, which are spread over each of them.
+        Of files with more than `WHOLE` bytes together, the small ones are read whole, and of each other one blocks that
+        are spread over it.
         """
         names = list(names)
         sizes = [self.size(name) for name in names]

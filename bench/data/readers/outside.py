@@ -55,7 +55,7 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint]) -> tuple[BTF | None, 
             fault = f"opened returned a {type(btf).__name__}, but must return a BTF, or None"
             raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
         # Read from the source: `btf[0]` would refuse NaN, which the option --repair may mask later.
-        first = _call(entry, seen, btf.source.slice, int(btf.pairs[0]))
+        first = _call(entry, seen, lambda btf: btf.source.slice(int(btf.pairs[0])), btf)
         form = f"{first.shape} {first.dtype}" if isinstance(first, np.ndarray) else f"a {type(first).__name__}"
         if form != f"{(*btf.shape, 3)} float32":
             fault = f"slice 0 is {form}, but must be {(*btf.shape, 3)} float32"

@@ -63,8 +63,9 @@ def test_nothing_that_is_there_is_lost_and_nothing_half_done_is_left(tmp_path, b
     (tmp_path / "full" / "note").touch()
     with pytest.raises(InputError, match="full: "):
         write_btf(btf, tmp_path / "full")
-    with pytest.raises(InputError, match=r"a\.exr: .*folder of pictures"):
-        write_btf(btf, tmp_path / "a.exr")
+    for name in ("a.exr", "a.NPZ"):
+        with pytest.raises(InputError, match=rf"{name}: .*folder of pictures.*\.npz"):
+            write_btf(btf, tmp_path / name)
     with pytest.raises(InputError, match=r"a\.npz: .*folder"):
         write_btf(btf, tmp_path / "no" / "a.npz")
 

@@ -96,6 +96,7 @@ def test_run_encode_and_list_take_it(installed, file, tmp_path, capsys):
         ("rows = np", "rows = 1 / 0, np", "ZeroDivisionError"),
         ("return BTF(", "return repr(seen) or BTF(", r"opened.*\bstr\b.*\bBTF\b"),
         ("ArraySource(rows", "Odd(rows", r"\(3,\) float64.*\(1, 1, 3\) float32"),
+        ("ndmin=2)", "ndmin=2)[:0]", "IndexError"),
         ("ArraySource(rows", "Listed(rows", r"slice 0 is a list.*\(1, 1, 3\) float32"),
     ],
 )
