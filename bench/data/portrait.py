@@ -81,7 +81,8 @@ class Look:
     seams: list[tuple[float, float]]
     lobe: MeanLobe | None  # checks the azimuths; None if it cannot be found
     half_vectors: HalfVectors | None  # checks them instead of the lobe
-    extremes: tuple[float, float]  # the least and the largest value of all slices that were read
+    # The least and the largest value of all slices that were read, of a large BTF without those of the ring.
+    extremes: tuple[float, float]
     read: int  # how many slices these are
     low_light: BTF  # the pairs of low light, at which nothing is looked; `btf` is without them
     exposed: Exposed  # the exposure of the training pairs and what it makes of the test pairs; of read slices if large

@@ -125,8 +125,8 @@ def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
 def _check_header(path: Path, header: list[str]) -> None:
     """Raise an `InputError` if the header of the list `path` lacks one of `COLUMNS`, or names a column twice."""
     missing = [name for name in COLUMNS if name not in header]
-    is_twice = len(set(header)) < len(header)  # only the last of such columns would count
-    if not missing and not is_twice:
+    twice = [name for name in header if header.count(name) > 1]  # only the last of such columns would count
+    if not missing and not twice:
         return
     for separator, word in ((";", "semicolons"), ("\t", "tabs")):
         if separator in header[0]:
@@ -137,7 +137,7 @@ def _check_header(path: Path, header: list[str]) -> None:
     elif missing:
         fault = f"without column {', '.join(missing)}"
     else:
-        fault = "with a column twice"
+        raise InputError(f"{path}: column {twice[0]!r} stands twice in its header: leave one out")
     raise InputError(f"{path}: a header {fault} ({','.join(header)[:100]!r}): it needs {','.join(COLUMNS)}")
 
 

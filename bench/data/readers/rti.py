@@ -89,7 +89,9 @@ def _read_list(path: Path) -> list[_Entry]:
     entries = [_entry(f"{path}, line {number}", line) for number, line in lines]
     if count is None:
         log.warning("%s: its first line is not the count of images: all %d lines are taken", path, len(entries))
-    elif count != len(entries) or not entries:
+    elif not entries:
+        raise InputError(f"{path}: it lists no image: add a line for each")
+    elif count != len(entries):
         raise InputError(f"{path}: line {first_number} says {count} images, {len(entries)} are listed: correct it")
     return entries
 

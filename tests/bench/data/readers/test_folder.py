@@ -91,7 +91,7 @@ BAD = [
     (b"", "empty"),
     (b"\xff\xfe\x00\x01", "UTF-8"),
     (b"file,theta_o_deg\n", "phi_o_deg, theta_i_deg, phi_i_deg"),
-    (f"{HEADER},file\n{A},a.png\n".encode(), "twice"),
+    (f"{HEADER},file\n{A},a.png\n".encode(), "column 'file' stands twice .*: leave one out"),
     (f"{HEADER},split\n{A},test\n".encode(), "line 2: split"),
     (f"{HEADER},split\n{A},heldout\n".encode(), "heldout"),
 ]

@@ -35,6 +35,7 @@ def test_one_view_many_lights_as_photographed(tmp_path):
     [
         (["4", *GOOD[1:], "im 3.png 0.8 0 0.6"], r"dirs\.lp, line 5: im 3\.png"),
         (["4", *GOOD[1:]], r"dirs\.lp: line 1 .*4 .*3"),
+        (["0"], r"dirs\.lp: it lists no image: add"),
         (["", "4", *GOOD[1:]], r"dirs\.lp: line 2 .*4 .*3"),
         (["1", "im 0.png a b c"], "line 2: 'im"),
         (["1", "im 0.png 0 0 -1"], "line 2: .* not above"),
