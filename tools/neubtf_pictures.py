@@ -404,8 +404,11 @@ def draw_latents(bench: Bench) -> None:
 def draw_failure(bench: Bench) -> None:
     """Relief so strong that it hides itself: NeuBTF without parallax and with an offset, and NeuMIP, which has one."""
     btf = bench.btf(FAILING, SMALL)
-    codecs = {name: load_codec(name)(steps=2_500) for name in ("neubtf", "neumip")}
-    codecs["neubtf, offset=32"] = NeuBTF(steps=2_500, offset=32)
+    codecs = {
+        "neubtf": NeuBTF(steps=2_500),
+        "neubtf, offset=32": NeuBTF(steps=2_500, offset=32),
+        "neumip": load_codec("neumip")(steps=2_500),
+    }
     files = {}
     for name, codec in codecs.items():
         kind = f"{SMALL}-moving" if "offset" in name else str(SMALL)  # in the name of the file
