@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.data.readers.files import FolderFiles
+from bench.data.readers.folder import LIST
 from bench.data.readers.pictures import SUPPORTED, picture_format
 from bench.inputs.errors import InputError
 
@@ -59,7 +60,6 @@ _DOUBTFUL = (
     "",
     "specular",
 )  # roles of pictures that may be a map that the bake needs; an occlusion is none
-_LISTS = ("pairs.csv", ".lp")  # endings of lists of pairs or lights, which make a folder of pictures a BTF
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,15 @@ def looks_like_maps(folder: Path) -> bool:
     if not folder.is_dir():
         return False
     names = os.listdir(folder)
-    if any(name.lower().endswith(_LISTS) for name in names):
+    if any(map(_is_list, names)):
         return False
     roles = set(_roles(names).values()) - {""}  # pictures without a role are no maps
     return "albedo" in roles or len(roles) >= 2
+
+
+def _is_list(name: str) -> bool:
+    """Whether a file is a list of pairs or lights by its name, which makes a folder of pictures a BTF."""
+    return name.lower() == LIST or (name.lower().endswith(".lp") and not name.startswith("."))
 
 
 def inner_maps(folder: Path) -> list[Path]:
@@ -128,7 +133,7 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
         names = sorted(os.listdir(folder))
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): give a folder of maps") from error
-    lists = [name for name in names if name.lower().endswith(_LISTS)]
+    lists = list(filter(_is_list, names))
     if lists:
         raise InputError(f"{folder}: it holds {lists[0]}, so it is a BTF and needs no bake: give it to run --material")
     # The files that the user names go before those that are recognised.

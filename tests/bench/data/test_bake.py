@@ -331,6 +331,8 @@ def test_folders_that_cannot_be_baked_are_explained(tmp_path):
         recognise(tmp_path)
     with pytest.raises(InputError, match="nothing: "):
         recognise(tmp_path / "nothing")
+    for name in ("old_pairs.csv", "._dirs.lp"):  # neither is a list
+        (tmp_path / name).touch()
     assert looks_like_maps(tmp_path)
     (tmp_path / "dirs.lp").touch()
     assert not looks_like_maps(tmp_path)
