@@ -55,12 +55,15 @@ class Atlases:
                 self.step += 1
 
     def _truth_shapes(self, material: MaterialRows) -> list[tuple[int, int, int]]:
-        """Of each shown row of a material that has pictures: the (n, H, W) of those of the truth."""
+        """Of each shown row of a material that has pictures that a WebP can hold: the (n, H, W) of those of the
+        truth."""
         truth_shapes = []
         for row in material.shown:
             stored = arrays(self.run.folder, row.job, "pictures", names=("truth",))
             if stored:  # of rows of several runs, some may have none
-                truth_shapes.append(stored["truth"].shape[:3])
+                count, height, width = stored["truth"].shape[:3]
+                if _fits(1, height, width):
+                    truth_shapes.append((count, height, width))
         return truth_shapes
 
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:

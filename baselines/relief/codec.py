@@ -111,7 +111,8 @@ class Network(nn.Module):
         """Log radiance (n, 3) of the latents (n, C) of each grid, of which C may differ.
 
         `wo` and `wi` are unit vectors (n, 3), `level` (n, 1) is the level of detail. `excess` (n, 1) is how far the
-        relief rises above the ray to the light, in texels; None without a relief or without its shadow.
+        relief rises above the ray to the light, in texels; None without a relief or without its shadow. With it the
+        decoder also answers a mask in [0, 1], the share of the radiance that the shadow leaves.
         """
         numbers = [level / DEEPEST_LEVEL, *direction_inputs(wo, wi, "xyzh")]  # (n, columns) each
         if excess is not None:
@@ -121,8 +122,8 @@ class Network(nn.Module):
         outputs = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
         if excess is None:  # without a mask the outputs are log radiance
             return outputs
-        # log1p(mask · radiance): a mask removes light, but a log radiance would rarely go below 0. The limits keep both
-        # logarithm and exponential finite.
+        # The mask multiplies radiance, not its logarithm, because a shadow takes a share of the light. The limits keep
+        # exponential and logarithm finite.
         radiance = outputs[:, :3].clamp(max=60).expm1()
         mask = outputs[:, 3:].sigmoid()
         return (radiance * mask).clamp_min(-0.5).log1p()

@@ -69,7 +69,7 @@ def check_place(out: Path) -> None:
     """Raise `InputError` if `write_btf` could not write, before any work starts: without the folder around it, over
     another file or a folder that is not empty, or under the ending of a single picture."""
     if not out.absolute().parent.is_dir():
-        raise InputError(f"{out}: there is no such folder: make it first")
+        raise InputError(f"{out}: there is no folder {out.parent}: make it first")
     if out.suffix == ".npz":  # a file, which may replace another
         if out.is_dir():
             raise InputError(f"{out}: it is a folder: choose another name")

@@ -37,8 +37,9 @@ GREY = (128, 128, 128, 255)  # of captions: read on a light page and on a dark o
 Answers = Callable[[Demand], Array]  # the queries of a demand → linear radiance (n, 3)
 
 
-def lamps(kind: str) -> tuple[LightSource, ...]:
-    """Lights instead of a scene's own: `sun`, one direction, or `environment`, a sun and six weaker ones around it."""
+def usual_lights(kind: str) -> tuple[LightSource, ...]:
+    """Lights instead of a scene's own, all directional: one of the kind `sun`; of the kind `environment` another sun
+    and six weaker lights, evenly spread around the surface's normal."""
     if kind == "sun":
         return (_directional(40, 120, (1.0, 1.0, 1.0)),)
     lights = [_directional(40, 120, (0.6, 0.58, 0.54))]
@@ -55,7 +56,7 @@ def _directional(theta_deg: float, phi_deg: float, irradiance: Colour) -> LightS
 
 
 def changed(scene: Scene, lights: str | None, tiling: float, width: int | None) -> Scene:
-    """A scene with the `lamps` of the kind `lights`, its texture repeated `tiling` times as often, and pictures `width`
+    """A scene with the `usual_lights` of a kind, its texture repeated `tiling` times as often, and pictures `width`
     pixels wide, of the same proportions. With None it keeps its own lights, or its width."""
     u, v = scene.surface.repeat
     surface = dataclasses.replace(scene.surface, repeat=(u * tiling, v * tiling))
@@ -64,7 +65,7 @@ def changed(scene: Scene, lights: str | None, tiling: float, width: int | None) 
         wide = width or camera.width
         high = max(1, round(camera.height * wide / camera.width))
         cameras.append(dataclasses.replace(camera, width=wide, height=high))
-    sources = lamps(lights) if lights else scene.lights
+    sources = usual_lights(lights) if lights else scene.lights
     return dataclasses.replace(scene, cameras=tuple(cameras), surface=surface, lights=sources)
 
 

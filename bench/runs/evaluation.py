@@ -257,7 +257,7 @@ class Slices:
 
     def between(self, number: int, factors: Sequence[int] = (1,)) -> dict[int, np.ndarray]:
         """Linear radiance (H, W, 3) of pair `number` of `BTF.between`, half a texel down and to the right of texel
-        centres, as factor 1."""
+        centres, as factor 1, the only one that there is: asked for in place of `boxes`."""
         truth = cast(BTF, self.workbench.btf.between)
         height, width = truth.shape
         uv = texel_centres(height, width) + torch.tensor([0.5 / width, -0.5 / height])

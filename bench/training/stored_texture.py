@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from bench.inputs.errors import InputError
 from bench.training.quantise import pack, unpack
-from bench.training.texture_codes import MOST_BITS, compress, expand
+from bench.training.texture_codes import MOST_BITS, bits_of, compress, expand
 
 Sizes = Sequence[tuple[int, int]] | None  # of pictures (H, W) whose texels a texture (N, C) holds
 Bits = Literal[0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 32]  # of a stored number, on average; 0: left to the fit, 16, 32: floats
@@ -291,15 +291,14 @@ def store_table(name: str, table: Tensor, rounding: Rounding, axis: int) -> dict
 
 
 def store_alike(name: str, values: Tensor, stored: dict[str, Tensor]) -> dict[str, Tensor]:
-    """A texture (…, C) as named tensors; each channel gets the bits that it has in another texture.
+    """A texture (…, C) as named tensors; each channel gets the bits that it has in another texture of C channels.
 
     `stored` are the tensors that `store_texture` made of that texture, under the same name.
     """
     if f"{name}.step" not in stored:
         return pack(name, values, "half" if stored[name].dtype == torch.float16 else "float32")
-    rounding = Rounding(values.shape[-1], MOST_BITS)
-    # `compress` writes one byte for the way, then the bits of each channel.
-    rounding.set(values, stored[name][1 : 1 + values.shape[-1]])
+    rounding = Rounding(values.shape[-1], MOST_BITS)  # any number of bits but those of floats: the next line sets them
+    rounding.set(values, bits_of(stored[name], values.shape[-1]))
     return store_texture(name, values, rounding)
 
 

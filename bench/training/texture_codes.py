@@ -87,6 +87,14 @@ def _most_codes(way: int, payload: bytes) -> int:
     return max(fixed, 8 * len(payload))
 
 
+def bits_of(data: Tensor, channels: int) -> Tensor:
+    """The bits (C,) of each channel, from the bytes of `compress`. `InputError` if they are not there."""
+    bits = data[1 : 1 + channels]
+    if len(bits) < channels or (bits > MOST_BITS).any():
+        raise InputError("a texture of this file does not say its bits: encode it again")
+    return bits
+
+
 def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
     """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most_codes`."""
     channels = shape[-1]
@@ -94,10 +102,8 @@ def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] 
     if not len(data) or data[0] > PREDICTED:
         raise InputError("a texture of this file does not say how it is stored: encode it again")
     way = int(data[0])
-    bits = data[1 : 1 + channels].numpy()
+    bits = bits_of(data, channels).numpy()
     payload = data[1 + channels :].numpy().tobytes()
-    if len(bits) < channels or (bits > MOST_BITS).any():
-        raise InputError("a texture of this file does not say its bits: encode it again")
     has_codes = bits > 0  # a mask of the channels that have codes in the payload
     inner = (*shape[:-1], int(has_codes.sum()))  # the shape of these codes
     # Channels of no bits take no bytes, so where there are some, a payload justifies only a fixed number of codes.

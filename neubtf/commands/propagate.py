@@ -49,7 +49,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, terminal: Terminal) -> int:
     """Write the new file, say how visible its seams are, and return the exit code. `InputError` for wrong options."""
     if not options.out.parent.is_dir():
-        raise InputError(f"{options.out}: there is no such folder: make it first")
+        raise InputError(f"{options.out}: there is no folder {options.out.parent}: make it first")
     treatment = Treatment(options.scale, options.make_tileable, options.exposure)
     with terminal:
         header = propagate(options.file, options.guidance, options.out, treatment, terminal.show, options.device)

@@ -83,9 +83,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raise an `InputError` for options that do not fit together, and for a place that cannot be written."""
+    """Raise an `InputError` for options that do not fit together, and for a place without its folder, or with a file of
+    another kind."""
     if not options.out.parent.is_dir():
-        raise InputError(f"{options.out}: there is no such folder: make it first")
+        raise InputError(f"{options.out}: there is no folder {options.out.parent}: make it first")
     for word in ("target_psnr", "target_flip", "uniform"):
         if getattr(options, word) is not None and not options.scene:
             raise InputError(f"--{word.replace('_', '-')}: only for a fit to a scene: give its --scene")

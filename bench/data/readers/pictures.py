@@ -144,9 +144,10 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
 
 
 def read_alpha(files: Files, name: str) -> Array:
-    """The alpha (H, W) float32 in [0, 1] of a PNG, upright, to 8 bits; `InputError` for a picture without it.
+    """The alpha (H, W) float32 in [0, 1] of a PNG, upright, to 8 bits.
 
-    Game engines keep the smoothness of a texture map there, so the error speaks of it.
+    `InputError` for a picture without it, and for a PNG whose notes behind its pixels turn it. Game engines keep the
+    smoothness of a texture map there, so the first error speaks of it.
     """
     header = _header(files, name, is_colour=False)
     label = files.label(name)
@@ -155,10 +156,12 @@ def read_alpha(files: Files, name: str) -> Array:
 
         picture = None
         if header.kind == "png":
-            picture = Image.open(io.BytesIO(files.read(name)), formats=["PNG"])
-        # A PNG has alpha as a channel, or as a list of transparent colours.
-        has_alpha = picture is not None and ("A" in picture.getbands() or "transparency" in picture.info)
-        if picture is None or not has_alpha:
+            data = files.read(name)
+            _refuse_late_orientation(data, header, label)
+            picture = Image.open(io.BytesIO(data), formats=["PNG"])
+        # A PNG has alpha as a channel, or as transparent colours, which Pillow does not read of grey of 16 bits.
+        has_colours = picture is not None and "transparency" in picture.info and not picture.mode.startswith("I")
+        if picture is None or not ("A" in picture.getbands() or has_colours):
             raise InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")
         alpha = np.asarray(picture.convert("RGBA"))[..., 3]
     return upright(np.asarray(alpha / 255, np.float32), header.orientation)
@@ -319,9 +322,8 @@ def _decoded(data: bytes, header: _Header, label: str) -> Array:
     Its codes are decoded as the colour space of `header` says, or else as sRGB. `InputError` for a PNG whose notes
     behind its pixels turn it.
     """
-    if header.kind == "png" and late_orientation(data) not in (1, header.orientation):
-        fault = "notes behind its pixels say that it is turned, too late to be seen when its size is read"
-        raise InputError(f"{label}: {fault}: save it upright")
+    if header.kind == "png":
+        _refuse_late_orientation(data, header, label)
     colour = header.colour
     if header.kind == "png" and data[PNG_BITS] == 16:
         codes = _png16(data, upright_size(header.size, header.orientation), label)
@@ -332,6 +334,13 @@ def _decoded(data: bytes, header: _Header, label: str) -> Array:
     if colour and not colour.profile:  # applying a profile gives sRGB codes
         return upright(colour.linear(codes, srgb), header.orientation)
     return upright(srgb[codes], header.orientation)
+
+
+def _refuse_late_orientation(data: bytes, header: _Header, label: str) -> None:
+    """Raise an `InputError` for a PNG whose notes behind its pixels turn it."""
+    if late_orientation(data) not in (1, header.orientation):
+        fault = "notes behind its pixels say that it is turned, too late to be seen when its size is read"
+        raise InputError(f"{label}: {fault}: save it upright")
 
 
 def _codes_of_8_bits(data: bytes, colour: Colour | None, label: str) -> Array:

@@ -12,7 +12,7 @@ from skimage.color import xyz2rgb
 
 from bench.data.readers.exr import XYZ_TO_REC709
 from bench.data.readers.files import FolderFiles
-from bench.data.readers.pictures import PictureSource, picture_size, read_picture
+from bench.data.readers.pictures import PictureSource, picture_size, read_alpha, read_picture
 from bench.files.exr import write_exr
 from bench.inputs.errors import InputError
 
@@ -251,6 +251,13 @@ def test_a_jpeg_of_12_bits_or_without_loss_is_refused_by_that_word(tmp_path):
         (tmp_path / "a.jpg").write_bytes(changed)
         with pytest.raises(InputError, match=rf"a\.jpg: .*{message}"):
             picture_size(FolderFiles(tmp_path), "a.jpg")
+
+
+def test_a_transparent_grey_of_16_bits_is_no_alpha(tmp_path):
+    with (tmp_path / "a.png").open("wb") as stream:
+        png.Writer(4, 3, greyscale=True, bitdepth=16, transparent=7).write(stream, np.full((3, 4), 7).tolist())
+    with pytest.raises(InputError, match=r"a\.png: it has no alpha"):
+        read_alpha(FolderFiles(tmp_path), "a.png")
 
 
 def chunk(kind, data):
