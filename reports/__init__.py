@@ -96,14 +96,15 @@ def table_text(
     run = _together(runs, kind)
     if choice:
         run = choice.of_run(run)
-    if format == "raw":
-        return raw(run, kind)
     if format == "text" and kind is None and not choice:
-        return terminal(run)
-    # A page of LaTeX is too narrow for all columns of a main table; a reader who picks columns decides that alone.
-    narrow = format == "latex" and not (choice and choice.columns)
-    against = choice.against if choice else ""
-    text = _formatted(all_tables(run, narrow, kind, against, whole), format, choice)
+        return terminal(run)  # which says itself that lines are damaged
+    if format == "raw":
+        text = raw(run, kind)
+    else:
+        # A page of LaTeX is too narrow for all columns of a main table; a reader who picks columns decides that alone.
+        narrow = format == "latex" and not (choice and choice.columns)
+        against = choice.against if choice else ""
+        text = _formatted(all_tables(run, narrow, kind, against, whole), format, choice)
     if not text.strip() and kind != "unfinished":  # what was planned, and has no result, is known without the records
         refuse_damaged([runs] if isinstance(runs, str | Path) else runs)
     return text

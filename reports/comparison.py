@@ -182,11 +182,7 @@ def _undeciding_tables(material: str, rows: Sequence[ComparedRow]) -> list[Table
     with_changes = [row for row in rows if row.shown]
     all_changes = list(chain.from_iterable(row.shown for row in with_changes))
     # A quantity that is the same in both runs in all rows needs no column.
-    changed_names = {
-        change.quantity.name
-        for change in all_changes
-        if change.difference is None or change.quantity.shows(change.difference)
-    }
+    changed_names = {change.quantity.name for change in all_changes if _difference_cell(change) != "="}
     quantities = [quantity for quantity in _quantities([all_changes]) if quantity.name in changed_names]
     if not quantities and not any(row.timing for row in with_changes):
         return []
@@ -201,9 +197,12 @@ def _undeciding_tables(material: str, rows: Sequence[ComparedRow]) -> list[Table
 
 
 def _difference_cell(change: Change | None) -> str:
-    """The difference of a change as text, “=” if it rounds to 0; a dash if there is no change or it has no number."""
+    """The difference of a change as text, “=” if it rounds to 0; a dash if there is no change or it has no number, and
+    `n/c` if it is not comparable."""
     if change is None or change.difference is None:
         return NONE
+    if change.verdict == Verdict.UNLIKE:
+        return NOT_COMPARABLE
     return change.quantity.difference(change.difference)
 
 

@@ -15,6 +15,7 @@ from reports.of_rungs import (
     CODEC,
     METRICS,
     Parts,
+    excluded_notes,
     frame_of_leads,
     interval_cell,
     lead_cell,
@@ -48,9 +49,7 @@ def curves_tables(run: Run) -> Iterator[Table]:
         "Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). "
         f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there. {CAP}"
     ]
-    if rungs.unlike:
-        common.append(f"Left out: {len(rungs.unlike)} jobs that are not comparable.")
-    return written_together("curves", tables, common)
+    return written_together("curves", tables, [*common, *excluded_notes(run, rungs)])
 
 
 def _differences_to_against(rungs: Rungs) -> Parts:

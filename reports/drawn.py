@@ -63,9 +63,10 @@ class Wanted:
 
 
 def drawn(runs: Sequence[Path], wanted: Wanted) -> list[Figure]:
-    """The figures of a kind, one for each material that has one, drawn from runs that are read as one.
+    """The figures of a kind, mostly one for each material that has one, drawn from runs that are read as one.
 
-    `InputError` for an unknown kind, for a choice that the run does not have, and if there is nothing to draw.
+    `InputError` for an unknown kind, for a choice that the run does not have, for a pair or an inset that a material
+    does not have, and if there is nothing to draw.
     """
     if wanted.kind not in KINDS:
         raise InputError(f"figure {wanted.kind}: no such kind{did_you_mean(wanted.kind, KINDS)}")

@@ -273,7 +273,7 @@ def _ladders(rungs: Rungs) -> pd.DataFrame:
             of_ladder = of_line[of_line["material"].isin(surfaces)]
             bits = of_ladder.groupby("label")["bits"].median().sort_values()
             seeds = dict(ladder)
-            on_all = len(surfaces) == len(rungs.surfaces)
+            on_all = set(surfaces) == set(rungs.surfaces)
             row = {"codec": line, "surfaces": f"all {len(surfaces)}" if on_all else ", ".join(surfaces)}
             row |= {"rungs": len(ladder), "bits": ", ".join(significant(size, 2) for size in bits)}
             rows.append(row | {"seeds": ", ".join(str(seeds[label]) for label in bits.index)})

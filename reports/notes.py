@@ -249,7 +249,8 @@ def _not_comparable(material: MaterialRows) -> Iterator[str]:
 
 
 def _older(run: Run) -> Iterator[str]:
-    """Footnotes on rows that were fitted or scored by another revision of the code than that of the latest start."""
+    """Footnotes on rows that were fitted or scored by another revision of the code than that of the latest start;
+    “?” for one that the record does not say."""
     latest = run.starts[-1].get("git")
     finished = [job for job in run.jobs if job["status"] == "ok"]  # a failed job has no numbers to explain
     for revisions, jobs in grouped(finished, _revisions).items():
@@ -257,7 +258,8 @@ def _older(run: Run) -> Iterator[str]:
             listed = ", ".join(job["job"] for job in jobs[:_LISTED])
             if len(jobs) > _LISTED:
                 listed += f" and {len(jobs) - _LISTED} more"
-            yield f"Fitted by revision {revisions[0]}, scored by {revisions[1]}: {listed}."
+            fitted, scored = (revision or "?" for revision in revisions)
+            yield f"Fitted by revision {fitted}, scored by {scored}: {listed}."
 
 
 def _revisions(job: Job) -> tuple[str | None, str | None]:

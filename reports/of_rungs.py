@@ -107,6 +107,11 @@ def common_notes(run: Run, rungs: Rungs) -> Iterator[str]:
     if set(rungs.times) - {FIT}:  # there are times of queries, and not of fits alone
         machines = "; ".join(_machines(run))
         yield f"Times: medians, × floor, one bilinear fetch; {machines}."
+    yield from excluded_notes(run, rungs)
+
+
+def excluded_notes(run: Run, rungs: Rungs) -> Iterator[str]:
+    """The note on which jobs are left out, and why; none without such jobs."""
     excluded = []
     if rungs.without:
         excluded.append(f"{_counts_by_suite(run, rungs.without)}, without a score of validation pairs")

@@ -41,8 +41,8 @@ def against_one(run: Run, materials: Iterable[MaterialRows], codecs: Mapping[str
     with one row. They are mean differences of PSNR in dB, paired slice by slice.
 
     By default that is the first row of the codec `AGAINST` or, without one, the first row in the order of the suite, so
-    that no result decides which row it is. Raises `InputError` for a row that is not there, or that was not measured
-    on all materials.
+    that no result decides which row it is. Raises `InputError` for a row that is not there or was not measured on all
+    materials, and for the name of a codec with several rows.
     """
     if wanted:
         reference = _row_named(wanted, codecs)
@@ -62,6 +62,9 @@ def _row_named(wanted: str, codecs: Mapping[str, str]) -> str:
     """
     if wanted in codecs:  # a name alone counts only if no whole label is the same: "pca" may be both
         return wanted
+    if not codecs:
+        remedy = "choose with --material those that it was measured on"
+        raise InputError(f"--against {wanted}: no codec was measured on all materials: {remedy}")
     matches = [label for label, codec in codecs.items() if codec == wanted]
     if len(matches) != 1:
         why = "it has several rows" if matches else "no row on all materials has this label"

@@ -242,7 +242,7 @@ class Rungs:
         """What lines reach within a budget, by line and surface; without lines that reach nothing on some surface.
 
         Within a size it is read off curves, up to their ends, so that no step of a ladder decides; within a time, and
-        for a line without curves, it is that of the rung that is chosen.
+        for a line without a curve on each surface, it is that of the rung that is chosen.
         """
         of_rungs = self.of_picks(self.picks(budget, surfaces), score).dropna()
         if budget.kind != BYTES:  # no curve leads from one time to another

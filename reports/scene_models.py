@@ -10,7 +10,7 @@ from statistics import fmean
 
 from bench.metrics import stats_of
 from bench.records import PSNR, SCENE_HELDOUT, Job, SceneModel, counted, fitted_to_scene
-from reports.numbers import fixed, integer, significant
+from reports.numbers import fixed, integer, signed, significant
 from reports.rows import CodecRows, MaterialRows, Row
 from reports.table import Table
 from reports.text import plain
@@ -58,7 +58,7 @@ def gain(full_bytes: int, scene_bytes: int, qualities: Sequence[tuple[str, float
     words = [f"{scene_bytes:,} instead of {full_bytes:,} bytes ({scene_bytes / full_bytes:.0%})"]
     for name, full, scene in qualities:
         if full is not None and scene is not None:
-            words.append(f"{scene - full:+.2f} dB at {name}")
+            words.append(f"{signed(scene - full)} dB at {name}")
     return f"The model of the scene takes {', '.join(words)}."
 
 

@@ -101,7 +101,8 @@ def _plain(table: Table) -> str:
     for place, (name, unit) in enumerate(table.headers):
         widest_cell = max((_width(cells[place]) for cells in body), default=0)
         lines_of_name = textwrap.wrap(name, max(NAME_WIDTH, widest_cell), break_long_words=False)
-        lines_of_headers.append([*lines_of_name, *textwrap.wrap(unit, max(UNIT_WIDTH, widest_cell))])
+        lines_of_unit = textwrap.wrap(unit, max(UNIT_WIDTH, widest_cell), break_long_words=False)
+        lines_of_headers.append([*lines_of_name, *lines_of_unit])
     top = list(zip_longest(*lines_of_headers, fillvalue=""))
     widths = [max(map(_width, column)) for column in zip(*top, *body, strict=True)]
     rule = ["-" * width for width in widths]
@@ -292,8 +293,8 @@ def _latex_line(cells: Sequence[str]) -> str:
 
 
 def label(table: Table) -> str:
-    """The label of a table for `\\ref`, such as `tab:main-satin`: its kind and its title, without what the title has in
-    brackets, in lower-case letters, digits and hyphens."""
+    """The label of a table for `\\ref`, such as `tab:main-satin`: its kind and its title up to the first bracket, in
+    lower-case letters, digits and hyphens."""
     title = table.title.partition(" (")[0]
     # A letter with an accent becomes two characters, of which the second, the accent, is left out.
     characters = unicodedata.normalize("NFKD", title)

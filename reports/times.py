@@ -152,16 +152,17 @@ def _batches_table(timings: list[Timing]) -> Iterator[Table]:
     """A table with a row a setting and execution in float32, a column a batch: ns a sample. It has only what was timed
     at several batches; none if nothing was."""
     in_float32 = [timing for timing in timings if timing["dtype"] == "float32"]
-    batches = sorted({timing["batch"] for timing in in_float32})
+    batches: set[int] = set()  # of the rows that are shown
     rows = []
     for (label, execution), of_row in grouped(in_float32, itemgetter("label", "execution")).items():
         ns_of_batch = {f"{timing['batch']:,}": timing["ns_per_sample"] for timing in of_row}
         if len(ns_of_batch) > 1:  # a single batch is in the table of `_variants_table`
             rows.append({"setting": _without_steps(label), "execution": execution, **ns_of_batch})
+            batches.update(timing["batch"] for timing in of_row)
     if not rows:
         return
     columns = [Column("setting", "", "setting"), Column("execution", "", "execution")]
-    columns += [Column(f"{batch:,}", "ns ↓", f"{batch:,}", -3, ranked=False) for batch in batches]
+    columns += [Column(f"{batch:,}", "ns ↓", f"{batch:,}", -3, ranked=False) for batch in sorted(batches)]
     title = "Batches: ns a sample in float32, by the samples of a call"
     yield written("times", title, pd.DataFrame(rows), columns, [], words=2)
 

@@ -10,12 +10,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from math import inf, nan
 from operator import itemgetter
-from typing import Any, cast
+from typing import Any
 
 import pandas as pd
 
 from bench.compare.choosing import best_choices_in_words, is_plain, name_of_choice, on_front
-from bench.records import Run, Timing, conditions_in_words, grouped
+from bench.records import Run, Timing, conditions_in_words, counted, grouped
 from reports.numbers import NONE
 from reports.table import Table
 from reports.values import Column, stale_jobs, written
@@ -141,13 +141,13 @@ def _stability_table(material: str, rows: Sequence[Timing], stale: set[str]) -> 
     """A row for each choice of another execution or precision than eager float32: its time, and how far its answers are
     from those of eager float32 with the same label. `rows` are all choices of the material."""
     plain = [row for row in rows if is_plain(row) and "psnr" in row]
-    psnr_of_plain = {row["label"]: cast(float, row["psnr"]) for row in plain}
+    psnr_of_plain = {row["label"]: counted(row["psnr"]) for row in plain}
     values = []
     for row in rows:
         if "from_float32" in row:  # PSNR in dB, None without any difference
             worst = inf if row["from_float32"] is None else row["from_float32"]
             # Without that of eager float32 its slices could not be read.
-            gained = cast(float, row["psnr"]) - psnr_of_plain.get(row["label"], nan)
+            gained = counted(row["psnr"]) - psnr_of_plain.get(row["label"], nan)
             numbers = {"time": row["ratio_to_floor"], "worst": worst, "gained": gained, "flip": row.get("flip")}
             values.append({"codec": name_of_choice(row), **numbers, "stale": row.get("of") in stale})
     note = (

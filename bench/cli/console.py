@@ -136,7 +136,7 @@ def _material_fields(header: Header) -> dict[str, Any]:
     _, material, network = load(header.path)
     fields: dict[str, Any] = {
         "size": material.size,
-        "parameters": parameters(material),
+        "parameters": None if material.opaque else parameters(material),  # a program does not tell them
         "texture_channels": material.cost.texture_channels,
         "flops_per_sample": material.cost.flops_per_sample,
         "bytes_per_sample": material.cost.bytes_per_sample,
@@ -185,11 +185,14 @@ def _scene_line(scene: dict[str, Any]) -> str:
 
 def _material_lines(material: dict[str, Any]) -> list[str]:
     """Describe the material that a codec file decodes to, with the layers of its decoder if there are any."""
-    lines = [
-        f"resolution: {material['size'][0]} × {material['size'][1]} texels",
-        f"decoder: {material['parameters']:,} parameters, {material['texture_channels']} texture channels, "
-        f"{material['flops_per_sample']:,} FLOP and {material['bytes_per_sample']:,} bytes read a sample",
-    ]
+    lines = [f"resolution: {material['size'][0]} × {material['size'][1]} texels"]
+    if material["parameters"] is None:
+        lines.append("decoder: another program, which does not tell its parameters and its cost")
+    else:
+        lines.append(
+            f"decoder: {material['parameters']:,} parameters, {material['texture_channels']} texture channels, "
+            f"{material['flops_per_sample']:,} FLOP and {material['bytes_per_sample']:,} bytes read a sample"
+        )
     rows = [(layer["name"], layer["kind"], f"{layer['parameters']:,}") for layer in material["layers"]]
     if rows:
         lines.append("layers of the decoder and their trainable parameters, counted by torchinfo:")

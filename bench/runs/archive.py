@@ -85,7 +85,8 @@ def jobs_with_results(run: Run, codecs: list[str]) -> Run:
 
 
 def pack(run: Run, lines: str, path: Path) -> None:
-    """Write the archive of a run's jobs. `lines` becomes its `records.jsonl`. `InputError` if a codec file is gone."""
+    """Write the archive of a run's jobs. `lines` becomes its `records.jsonl`. `InputError` if a codec file is gone,
+    or is not the one that its job recorded."""
     files = [_checked_file(run, job["file"], str(job["score_key"].get("sha256"))) for job in run.jobs]
     for job in run.jobs:  # the networks that these files need
         digest = job["fit_key"].get("shared")  # the hash of the network's file; absent if the codec shares none
@@ -345,10 +346,10 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
         unlabelled = {key: value for key, value in header.settings.items() if key in UNLABELLED}
     called = str(unlabelled.get("called", header.codec))
     words = label.removeprefix(called).split()  # each is KEY=VALUE
-    if not label.startswith(called) or not _are_settings_of(header, words, unlabelled):
+    if label != " ".join([called, *words]) or not _are_settings_of(header, words, unlabelled):
         yield f"label is {label!r}, but the file's codec and settings have another label"
     words_of_curve = curve.removeprefix(called).split()
-    if not curve.startswith(called) or not set(words_of_curve) <= set(words):
+    if curve != " ".join([called, *words_of_curve]) or not set(words_of_curve) <= set(words):
         yield f"curve is {curve!r}, which does not belong to the label"
     name = job_name(claimed["material"], label, claimed["seed"])
     if name != claimed["job"]:

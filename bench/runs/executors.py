@@ -346,7 +346,7 @@ def _gpu_variables(count: int, device: str) -> list[dict[str, str]]:
     """For each of `count` jobs, the environment variable that gives its process a GPU, by name and value.
 
     If the variable is set already, as a cluster's scheduler does, only the GPUs that it names are handed out. More jobs
-    than GPUs share them: fits of small networks leave most of a GPU idle.
+    than GPUs share them: fits of small networks leave most of a GPU idle. `InputError` if there is no GPU to give.
     """
     variable = VISIBLE.get(device)
     if variable is None:
@@ -359,5 +359,8 @@ def _gpu_variables(count: int, device: str) -> list[dict[str, str]]:
     else:
         names = [name.strip() for name in visible.split(",") if name.strip()]
     if not names:
-        raise InputError(f"--jobs {count}: {variable} names no GPU: leave it unset, or name one")
+        fault = "there is no GPU here: run it on a machine with one, or leave --device out"
+        if visible is not None:
+            fault = f"{variable} names no GPU: leave it unset, or name one"
+        raise InputError(f"--jobs {count}: {fault}")
     return [{variable: name} for name in islice(cycle(names), count)]

@@ -342,10 +342,11 @@ def pretrain(
 
     A network is what a codec shares over materials; a variation is a random material, rendered here. Appends to
     `fit.history` the curve of training: the PSNR on the variations `UNSEEN`. The default needs no data, so everybody
-    can make the same file. `InputError` if there is no material to train on.
+    can make the same file. `InputError` if there is no material to train on, and for a negative number of variations.
     """
     if materials < 0 or materials + len(added) < 1:
-        raise InputError(f"a network needs at least one training material, not {materials}")
+        given = f"{materials} variations and {len(added)} BTFs"
+        raise InputError(f"{given}: a network needs at least one training material, and no number below 0")
     numbers = fit.progress([*range(materials), *UNSEEN], "rendering materials to train on")
     btfs = [load_variation(number) for number in numbers]  # those to train on, then the unseen ones
     with torch_threads(fit.threads):

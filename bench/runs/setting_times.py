@@ -84,8 +84,9 @@ def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progres
     """Time the settings of a suite on its first surfaces, and write their records into a folder; returns them, the
     quickest first.
 
-    Files of one step lie in the folder, and are made only once. Raises `InputError` if nothing can be timed. Codecs
-    that cannot be fitted here are left out, with a warning.
+    Files of one step lie in the folder, and are made only once. Raises `InputError` if nothing can be timed, if
+    another run uses the folder, or if it cannot be written. Codecs that cannot be fitted here are left out, with a
+    warning.
     """
     suite = canonical(suite)
     run = new_run()
@@ -93,7 +94,7 @@ def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progres
     with lock.locked(folder, run):
         contestants = list(decoded_settings(suite, surfaces_of(suite), folder, device, show))
         if not contestants:
-            remedy = "name codecs that can be fitted here and are no programs of their own"
+            remedy = "name surfaces that are here, and codecs that can be fitted and are no programs of their own"
             raise InputError(f"suite {suite.name}: none of its settings can be timed: {remedy}")
         for _ in range(ROUNDS):
             _add_round(contestants, entries, suite.threads, show)

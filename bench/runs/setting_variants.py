@@ -78,7 +78,8 @@ class Clock:
 def time_variants(suite: Suite, folder: Path, device: str, minutes: float, show: Progress = silent) -> list[Timing]:
     """Time the variants of a suite's settings, on its first surface, and steps of fits; returns what it recorded.
 
-    Nothing is begun after `minutes`. `InputError` if another run uses the folder, or it cannot be written.
+    Nothing is begun after `minutes`. `InputError` if another run uses the folder, if it cannot be written, or if the
+    surface cannot be opened to time steps of fits.
     """
     run = new_run()
     with lock.locked(folder, run), ended_bars(show) as show_in_bars:
@@ -309,16 +310,15 @@ def _timings_of_steps(suite: Suite, device: str, clock: Clock, done: set[str], s
 
     `done` are the names of those that an earlier process has timed.
     """
-    specs = _largest_in_steps(suite)
+    specs = [spec for spec in _largest_in_steps(suite) if _name_of_step(spec, device) not in done]
+    if clock.over or not specs:
+        return
     surface = surfaces_of(suite)[0]
     btf = open_material(surface, suite.data, show, path_tracer=load_path_tracer)
     train = btf.subset(btf.split().train)
     for spec in followed(show, specs, "timing steps of fits", len(specs)):
-        name = f"fit/{spec.label}/{device}"
         if clock.over:
             return
-        if name in done:
-            continue
         try:
             one_step = _seconds_of_fit(spec, steps=1, train=train, device=device, threads=suite.threads)
             many_steps = _seconds_of_fit(spec, steps=1 + FIT_STEPS, train=train, device=device, threads=suite.threads)
@@ -327,7 +327,12 @@ def _timings_of_steps(suite: Suite, device: str, clock: Clock, done: set[str], s
             continue
         # The difference leaves out what a fit takes besides its steps; noise must not make it negative.
         step_ns = max(1.0, 1e9 * (many_steps - one_step) / FIT_STEPS)
-        yield _timing_of_step(name, spec.label, step_ns, suite.threads, device)
+        yield _timing_of_step(_name_of_step(spec, device), spec.label, step_ns, suite.threads, device)
+
+
+def _name_of_step(spec: CodecSpec, device: str) -> str:
+    """The name in records of the time of a step of a setting's fit on a device."""
+    return f"fit/{spec.label}/{device}"
 
 
 def _largest_in_steps(suite: Suite) -> list[CodecSpec]:

@@ -65,7 +65,7 @@ class Workbench:
         """Split the pairs. `InputError` if none is left for training, or if their values are too extreme."""
         self.split = self.btf.split()
         if not len(self.split.train):
-            raise InputError(f"{self.name}: no training pairs are left")
+            raise InputError(f"{self.name}: no training pairs are left: hold out fewer")
         refuse_extremes(self.training)
 
     @cached_property

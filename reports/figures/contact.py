@@ -13,6 +13,7 @@ from math import prod
 import numpy as np
 from matplotlib.colors import Normalize
 
+from bench.compare.frame import line_of
 from bench.metrics import stats_of
 from bench.records import FLIP, PSNR, Job, Run
 from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
@@ -147,9 +148,9 @@ def strip(run: Run, budget: Budget) -> Figure | None:
 
 
 def _caption(job: Job) -> str:
-    """A codec with its PSNR and size, as it stands below a picture."""
+    """The line of a job, with its PSNR and size, as it stands below a picture."""
     bits = round(8 * job["bytes"]["total"] / prod(job["shape"]))
-    return f"{job['codec']}: {fixed(stats_of(job, PSNR)['mean'], 2)} dB, {bits} bits a texel"
+    return f"{line_of(job)}: {fixed(stats_of(job, PSNR)['mean'], 2)} dB, {bits} bits a texel"
 
 
 def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], place: int) -> Figure:

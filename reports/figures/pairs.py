@@ -46,7 +46,8 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
     together is largest, in each slice another. Codecs whose stored slices are of other pairs than the first codec's are
     named below.
 
-    `InputError` if the material or a pair has no stored slices; of a pair it lists those that have some.
+    `InputError` if the material or a pair has no stored slices, of a pair with those that have some; and for an inset
+    that does not lie within the picture.
     """
     needed = {"truth", "decoded", "pairs", "wo_deg", "wi_deg"}  # a row whose file lacks some cannot be drawn
     drawable = []

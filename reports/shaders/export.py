@@ -114,7 +114,7 @@ def export(
 
     `name` is that of the material, and of its files; `language` a key of `DIALECTS`. `source` says in words of what the
     program was made: codec, versions, file. `vectors` are answers of the material, for the README. `InputError` for
-    another language, or a program that no shader can do.
+    another language, a program that no shader can do, or a folder whose README is not that of this material's shader.
     """
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")

@@ -4,6 +4,8 @@ from bench import cli
 from bench.btf.npz import write_npz
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
+from bench.inputs.errors import InputError
+from bench.runs.library import pretrain
 
 BRIEF = ["--materials", "0", "--steps", "2", "--set", "texels=2", "--set", "pairs=2", "--set", "kept=8"]
 
@@ -56,3 +58,8 @@ def test_pretrain_encode_info_and_decode(measured, tmp_path, capsys):
 def test_what_cannot_be_pretrained_is_explained(words, message, capsys):
     assert cli.main(words) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_count_below_zero_is_refused_however_many_materials_are_added(tmp_path):
+    with pytest.raises(InputError, match="-1 variations and 3 BTFs: .* no number below 0"):
+        pretrain(None, None, tmp_path / "n.nbtf", -1, [tiny_btf(4, 4, 4)] * 3)

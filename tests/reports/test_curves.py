@@ -76,3 +76,10 @@ def test_footprints_are_read_off_at_one_size_and_the_best_at_a_distance_comes_fi
         ["neumip", "34.0", "35.0", "35.5", "37.0"],
         ["neubtf-direct", "35.0", "33.0", "32.0", "29.0"],
     ]
+
+
+def test_jobs_without_a_score_of_validation_pairs_are_counted_below(tmp_path):
+    (without, *_) = rungs("vq", "m0", 0.0)
+    del without["scores"]["validation"]
+    *_, last = tables(tmp_path, *rungs("pca", "m0", 0.0), without)
+    assert "1 of no suite, without a score of validation pairs" in last.notes[-1]

@@ -139,11 +139,15 @@ def test_ladders_that_differ_from_surface_to_surface_are_rows_of_their_own(made)
         job("pca x=2", material, 18, seed=1)
         job("vq x=1", material, 8)
     job("vq x=2", "wool", 32)
+    for material, bits in (("satin", 8), ("brick", 8), ("linen", 500)):  # the last is within no budget
+        scores = {"heldout": made._group(30.0), "validation": made._group(30.0)}
+        made.job("hsh", material, bytes={"total": bits * SIZE}, scores=scores, fit_seconds=0.0)
     ladders, *_ = TABLES["rungs"](load_run(made.folder))
     assert ladders.rows == [
         ["pca", "all 3", "2", "8.0, 17", "1, 2"],
         ["vq", "satin, brick", "1", "8.0", "1"],
         ["vq", "wool", "2", "8.0, 32", "1, 1"],
+        ["hsh", "satin, brick, linen", "1", "8.0", "1"],
     ]
 
 

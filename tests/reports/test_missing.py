@@ -48,3 +48,6 @@ def test_a_table_without_rows_names_the_damaged_line_where_they_may_stand(made, 
         file.write_bytes(first + damaged)
         with pytest.raises(InputError, match=r"records\.jsonl, line\(s\) 2: "):
             table_text(made.folder, "markdown", kind)
+    file.write_bytes(first[:-9])
+    with pytest.raises(InputError, match=r"records\.jsonl, line\(s\) 1: "):
+        table_text(made.folder, "raw", kind)

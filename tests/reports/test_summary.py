@@ -144,6 +144,12 @@ def test_the_row_that_others_are_set_against_is_named_and_can_be_chosen(made, ca
         summary(load_run(made.folder), against="vq")
 
 
+def test_where_no_codec_has_all_materials_none_can_be_set_against_and_the_remedy_says_so(made):
+    made.job("pca", material="satin").job("vq", material="brick")
+    with pytest.raises(InputError, match=r"--against pca: no codec .* all materials: .*--material"):
+        summary(load_run(made.folder), against="pca")
+
+
 def test_materials_can_be_chosen(made, capsys):
     for material in ("satin", "brick", "wool"):
         made.job("pca", material=material).job("vq", material=material, psnr=28.0)

@@ -6,8 +6,10 @@ from bench.records import append, load_run
 from reports import table_text
 from reports.notes import run_notes
 from reports.series import plots_of
+from reports.table import Table
 from reports.tables import all_tables
 from reports.terminal import terminal
+from reports.text import plain
 
 LONG = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
 
@@ -25,7 +27,7 @@ def test_the_main_table_fits_a_terminal_and_notes_of_several_stand_once(made):
 def test_lines_that_could_not_be_read_are_counted(made):
     with open(made.job().folder / "records.jsonl", "a") as file:
         file.write("{cut\n")
-    assert re.search(r"1 line.* records\.jsonl .*: 3\.", table_text(made.folder))
+    assert re.search(r"1 line.* records .*: 3\.", table_text(made.folder))
 
 
 def test_markdown_keeps_labels_as_they_are(made):
@@ -42,6 +44,17 @@ def test_rows_that_another_revision_made_are_named(made):
     made.job("vq", fitted={"git": "new"}, scored={"git": "new"})
     (note,) = run_notes(load_run(made.folder))[1:]
     assert re.search(" old, .* new: satin/pca components=8/0", note)
+
+
+def test_a_revision_that_the_record_does_not_say_is_no_name_of_one(made):
+    append(made.folder, {"kind": "run", "run": "2", "suite": "made", "git": "new", "machine": {}})
+    made.job("vq", fitted={"git": None}, scored={"git": "old"})
+    assert any("revision ?, scored by old: satin/vq/0" in note for note in run_notes(load_run(made.folder)))
+
+
+def test_names_in_a_header_are_folded_between_words_alone():
+    table = Table("summary", "short", [("codec", ""), ("against", "hierarchical")], [["pca", "+1.2"]])
+    assert "hierarchical" in plain([table])
 
 
 @pytest.mark.parametrize("format", ["text", "markdown", "latex", "csv", "raw"])

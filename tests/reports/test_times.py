@@ -1,8 +1,11 @@
+from pathlib import Path
+
 from bench.compare.frame import EAGER, frame_of
-from bench.records import append, load_run
+from bench.records import Run, append, load_run
 from bench.records.schema import setting_name
 from reports import table_text
 from reports.tables import all_tables
+from reports.times import variant_tables
 
 CONDITIONS = {"run": "1", "batch": 16384, "dtype": "float32", "threads": 1, "device": "cpu", "execution": "eager"}
 CONDITIONS |= {"queries": "random", "texture_fetch": True, "ns_per_sample": 400.0, "interval95_ns": [390.0, 410.0]}
@@ -38,3 +41,12 @@ def test_a_timing_by_hand_that_names_no_execution_is_none_of_a_step(made):
     bare = {"kind": "timing", "job": "satin/pca/0", "run": "1", "ns_per_sample": 1.0, "interval95_ns": [1.0, 1.0]}
     append(made.job("pca").folder, bare)
     assert all_tables(load_run(made.folder), kind="times") == []
+
+
+def test_a_batch_that_only_a_setting_of_one_batch_has_is_no_column():
+    run = Run(Path())
+    for label, batch in (("pca", 64), ("pca", 256), ("vq", 64), ("ntc", 1024)):
+        timing = CONDITIONS | {"job": f"{label}/{batch}", "label": label, "batch": batch, "of_tolerance": 0.1}
+        run.timings.put(timing["job"], timing)
+    (batches,) = [table for table in variant_tables(run, "times") if table.title.startswith("Batches")]
+    assert [name for name, _ in batches.headers[2:]] == ["64", "256"]

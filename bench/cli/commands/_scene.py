@@ -31,6 +31,7 @@ def demand_file(options: argparse.Namespace, folder: Path, console: Console) -> 
         return None
     given = Path(options.scene)
     if given.suffix == ".npz":
+        refuse_mitsuba_options(options, "bsdf")  # the file has the queries of one material already
         load(given)  # a bad one is said before anything is fitted
         return given
     scene = _scene(options)

@@ -130,8 +130,8 @@ def _wishes(options: argparse.Namespace) -> Limits:
         raise InputError("choose: no wish is given: give --min-psnr, --max-bytes, --max-gpu-bytes or --max-ns")
     if options.max_ns is not None and not options.max_ns > 0:
         raise InputError(f"--max-ns {options.max_ns:g}: give a number above 0")
-    if options.min_psnr is not None and math.isnan(options.min_psnr):
-        raise InputError("--min-psnr nan: give a number of dB")
+    if options.min_psnr is not None and not math.isfinite(options.min_psnr):
+        raise InputError(f"--min-psnr {options.min_psnr:g}: give a number of dB")
     return wishes
 
 

@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
             write(path, text.encode())
             say_line(f"wrote {path}")
         return FINE
-    names = " ".join(str(path) for path, _ in _out_of_date(options.documents))
+    names = shlex.join(str(path) for path, _ in _out_of_date(options.documents))
     if names:
         say_line(f"tables differ from the records: {names}: `neubtf-bench results write {names}` mends them")
         return NO

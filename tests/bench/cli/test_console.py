@@ -66,3 +66,8 @@ def test_a_job_is_one_line_whatever_its_name(clock, capsys):
     assert said.startswith(r"a\n::error file=x::b/pca/0: ")
     assert r"no\nluck" in said
     assert said.count("\n") == 1
+
+
+def test_a_decoder_that_is_another_program_has_no_number_of_parameters():
+    lines = console._material_lines({"size": (4, 4), "parameters": None, "layers": []})
+    assert "does not tell its parameters" in lines[1]

@@ -132,3 +132,10 @@ def test_the_tracker_gets_numbers_by_direction(make):
     assert higher["satin/table/PSNR"]["value"] == MOST_DB  # every slice is exact
     assert not any("pca" in name for name in [*higher, *lower])
     assert all(isinstance(entry["value"], float | int) for entry in [*higher.values(), *lower.values()])
+
+
+def test_a_number_of_another_version_that_does_not_decide_has_no_change(make):
+    base = make.run("base", *make.three())
+    text = terminal(compare(base, make.run("new", *make.three(ssim=0.7, versions={"ssim_periodic": 2}))))
+    assert re.search(r"everything else\n.*^pca +n/c", text, re.M | re.S)
+    assert "0.2000" not in text

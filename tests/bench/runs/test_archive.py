@@ -99,6 +99,7 @@ def put(path, value):
         ("metrics/psnr_display/version", 9),
         ("parameters", 5),
         ("label", "pca"),
+        ("label", "pcacomponents=4"),
         ("curve", "vq"),
         ("seed", 7),
     ],

@@ -121,6 +121,13 @@ def test_workers_that_cannot_be_had_are_refused(count, device, message, monkeypa
         processes(count, 1, device).__enter__()
 
 
+def test_where_there_is_no_gpu_no_variable_is_blamed(monkeypatch):
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 0)
+    with pytest.raises(InputError, match="there is no GPU here"):
+        processes(2, 1, "cuda").__enter__()
+
+
 def test_the_end_of_a_run_ends_its_workers_whatever_they_do():
     with processes(1, 1) as workers:
         future = workers.executor.submit(time.sleep, 600)

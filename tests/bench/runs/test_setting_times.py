@@ -197,6 +197,12 @@ def test_nor_are_variants_and_steps_of_a_codec_that_cannot_be_made(tmp_path, bro
     assert re.search("broken: .*package_that_is_not_installed", caplog.text)
 
 
+def test_after_the_last_minute_no_surface_is_opened(monkeypatch):
+    monkeypatch.setattr(setting_variants, "open_material", lambda *_, **__: pytest.fail("opened"))
+    over = setting_variants.Clock(0)
+    assert list(setting_variants._timings_of_steps(parse_suite("small", SUITE), "cpu", over, set(), silent)) == []
+
+
 @pytest.mark.long
 def test_variants_end_when_their_minutes_are_over_and_keep_what_they_have(tmp_path, short_variants):
     suite, folder = parse_suite("small", SUITE), tmp_path / "times"

@@ -29,7 +29,7 @@ from bench.timing.roofline import least_ns
 from reports import table_text
 from reports.figures.fronts import trade_fronts
 from reports.numbers import NONE
-from reports.trade import trade_tables
+from reports.trade import _stability_table, trade_tables
 
 CODECS = (
     CodecSpec("mean-colour"),
@@ -497,3 +497,10 @@ def test_the_table_has_the_choices_that_none_beats_and_all_has_the_others_too(me
     missing = every.values["total"].isna()  # the floor
     assert list(short.values["choice"]) == list(every.values["choice"][on_front | missing])
     assert others
+
+
+def test_a_record_without_any_error_has_no_psnr_and_gains_nothing():
+    exact = {"label": "table", "dtype": "float32", "psnr": None, "of": "satin/table/0", "ratio_to_floor": 2.0}
+    rows = [exact | {"execution": "eager"}, exact | {"execution": "fused", "from_float32": None}]
+    table = _stability_table("satin", rows, set())
+    assert table.values["gained"].tolist() == [0.0]

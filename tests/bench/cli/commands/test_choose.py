@@ -260,6 +260,8 @@ def test_with_a_scene_the_best_of_the_other_codecs_is_shown_too(tmp_path, monkey
         (["--jobs", "-1"], "--jobs -1: "),
         (["--max-ns", "0"], "--max-ns 0: "),
         (["--min-psnr", "nan"], "--min-psnr nan: "),
+        (["--min-psnr", "inf"], "--min-psnr inf: "),
+        (["--scene", "table-top.npz", "--bsdf", "sofa"], "--bsdf: only for a Mitsuba scene"),
     ],
 )
 def test_options_that_make_no_sense_are_bad_usage(words, message, tmp_path, capsys):
