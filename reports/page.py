@@ -279,7 +279,10 @@ def _what_was_measured(measured: Sequence[MaterialRows]) -> str:
     splits_in_words = {material.split_in_words for material in measured}
     if len(splits_in_words) == 1:
         materials_in_words += f" ({splits_in_words.pop()})"
-    pairs_in_words = measured[0].deciding_in_words
+    deciding_in_words = {material.deciding_in_words for material in measured}
+    pairs_in_words = "held-out pairs or, without any, all pairs"
+    if len(deciding_in_words) == 1:
+        pairs_in_words = deciding_in_words.pop()
     return (
         f"{codecs_in_words} on {materials_in_words}: each was decoded from its file and compared with the "
         f"{pairs_in_words}."

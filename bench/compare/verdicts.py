@@ -331,6 +331,8 @@ def _obstacle(quantity: Quantity, base: Job, new: Job, before: Sequence[object],
     new_version = quantity.version(new)
     if new_version is None and base_version is not None:
         return f"{quantity.metric} is not measured any more"
+    if base_version is None and new_version is not None:
+        return f"{quantity.metric} was not measured before"
     if base_version != new_version:
         return f"{quantity.metric} version {new_version} instead of {base_version}"
     is_missing = None in before or None in after

@@ -82,4 +82,4 @@ def test_jobs_without_a_score_of_validation_pairs_are_counted_below(tmp_path):
     (without, *_) = rungs("vq", "m0", 0.0)
     del without["scores"]["validation"]
     *_, last = tables(tmp_path, *rungs("pca", "m0", 0.0), without)
-    assert "1 of no suite, without a score of validation pairs" in last.notes[-1]
+    assert "1 of made, without a score of validation pairs" in last.notes[-1]

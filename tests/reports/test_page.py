@@ -23,6 +23,7 @@ from reports.atlas import Atlases
 from reports.figures.canvas import Figure
 from reports.html import TEMPLATES
 from reports.live import _slices_as_webp, live
+from reports.page import _what_was_measured
 from reports.rows import materials
 from reports.series import plots_of
 from reports.table import Table
@@ -444,3 +445,11 @@ def test_a_live_material_changes_with_its_light(opened):
     for _ in range(4):
         opened.keyboard.press("Shift+ArrowRight")
     assert opened.evaluate(look) != first
+
+
+def test_the_first_sentence_names_the_pairs_of_all_materials(made):
+    known = {"all": made._group(30.0), "train": made._group(30.0)}
+    made.job("pca", "satin").job("pca", "brick", scores=known, pairs={"all": 12, "train": 12})
+    held_out, whole = materials(load_run(made.folder))
+    assert _what_was_measured([held_out]).endswith("with the held-out pairs.")
+    assert _what_was_measured([held_out, whole]).endswith("with the held-out pairs or, without any, all pairs.")

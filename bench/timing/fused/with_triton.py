@@ -139,10 +139,11 @@ def _network(  # type: ignore[no-untyped-def]
 
 def _refuse_unsuited(architecture: Architecture, parameter: Tensor) -> None:
     """Raise `InputError` for a network that the kernel cannot compute; `parameter` has the type and device of all."""
-    # One width for all hidden layers. A residual of the first layer is not computed by the kernel.
     width, *others = set(architecture.widths)
-    if others or (architecture.residual and architecture.inputs == width):
-        raise InputError("network on a GPU needs hidden layers of one width, unlike that of the inputs: use compiled")
+    if others:
+        raise InputError("network on a GPU needs hidden layers of one width: use compiled")
+    if architecture.residual and architecture.inputs == width:  # the kernel adds no inputs to the first layer
+        raise InputError("network on a GPU with residuals needs layers that are not as wide as the inputs: use compiled")
     if parameter.dtype not in (torch.float32, torch.bfloat16):
         raise InputError(f"network on a GPU computes in float32 or bfloat16, not {parameter.dtype}: use compiled")
     # At least the numbers that one layer passes to the next go through shared memory: 514 kB for 512 channels.

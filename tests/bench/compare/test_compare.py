@@ -204,6 +204,11 @@ def test_a_job_without_the_version_of_its_codec_is_named(make):
         compare(make.run("base", make.job()), make.run("new", job))
 
 
+def test_a_number_that_the_base_lacks_has_no_version_to_name(make):
+    base = make.run("base", *make.three(footprints={"2": {"mean": None, "exact": 0, "slices": 4}}))
+    assert change(compare(base, make.run("new", *make.three())), "footprints").why == "footprints was not measured before"
+
+
 def test_another_metric_version_spares_the_other_numbers(make):
     base = make.run("base", *make.three())
     new = make.run("new", *make.three(flip=0.9, versions={FLIP: 2}))
