@@ -443,8 +443,8 @@ def _columns_with_numbers(kind: str, measures: Sequence[Measure], values: pd.Dat
 
 def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:
     """The row of each codec on a material, over its seeds. Each measure gives three values: its number, the second one
-    beside it, and why there is none. Without a measured seed that is `n/c` if a job is not comparable, or else “failed”,
-    for the first measure alone, if one failed.
+    beside it, and why there is none. Without a measured seed that is `n/c` if a job is not comparable; if one failed,
+    it is “failed” for the first measure alone.
 
     Further values: `codec`, its label; whether it is `stale`, since the installed version cannot make some seed again;
     is `measured`, so that it has numbers; is `unranked`; has times that were `timed apart`; or is `in addition` to the

@@ -142,7 +142,8 @@ class Table:
     def of_columns(self, kept: Sequence[int]) -> "Table":
         """The table with only the columns at these places, in this order, and the notes about them.
 
-        Rows in which these columns of numbers have only dashes, or nothing, are left out. `kept` has the columns of words before those of numbers.
+        Rows in which these columns of numbers have only dashes, or nothing, are left out. `kept` has the columns of
+        words before those of numbers.
         """
         number_columns = [column for column in kept if column >= self.words]
         rows: list[list[str]] = []

@@ -61,5 +61,5 @@ def test_what_cannot_be_pretrained_is_explained(words, message, capsys):
 
 
 def test_a_count_below_zero_is_refused_however_many_materials_are_added(tmp_path):
-    with pytest.raises(InputError, match="-1 variations and 3 BTFs: .* no number below 0"):
+    with pytest.raises(InputError, match=r"-1 variations and 3 BTFs: .* no number below 0"):
         pretrain(None, None, tmp_path / "n.nbtf", -1, [tiny_btf(4, 4, 4)] * 3)

@@ -143,7 +143,7 @@ def _refuse_unsuited(architecture: Architecture, parameter: Tensor) -> None:
     if others:
         raise InputError("network on a GPU needs hidden layers of one width: use compiled")
     if architecture.residual and architecture.inputs == width:  # the kernel adds no inputs to the first layer
-        raise InputError("network on a GPU with residuals needs layers that are not as wide as the inputs: use compiled")
+        raise InputError("network on a GPU with residuals needs layers not as wide as the inputs: use compiled")
     if parameter.dtype not in (torch.float32, torch.bfloat16):
         raise InputError(f"network on a GPU computes in float32 or bfloat16, not {parameter.dtype}: use compiled")
     # At least the numbers that one layer passes to the next go through shared memory: 514 kB for 512 channels.

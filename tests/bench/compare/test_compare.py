@@ -206,7 +206,8 @@ def test_a_job_without_the_version_of_its_codec_is_named(make):
 
 def test_a_number_that_the_base_lacks_has_no_version_to_name(make):
     base = make.run("base", *make.three(footprints={"2": {"mean": None, "exact": 0, "slices": 4}}))
-    assert change(compare(base, make.run("new", *make.three())), "footprints").why == "footprints was not measured before"
+    comparison = compare(base, make.run("new", *make.three()))
+    assert change(comparison, "footprints").why == "footprints was not measured before"
 
 
 def test_another_metric_version_spares_the_other_numbers(make):

@@ -169,7 +169,7 @@ def test_the_kernel_for_a_gpu_fetches_the_texture(triton_network):
 def test_the_kernel_for_a_gpu_refuses_what_it_cannot_compute(triton_network):
     with pytest.raises(InputError, match="one width"):
         triton_network(Decoder(Architecture(4, (8, 16))))
-    with pytest.raises(InputError, match="residuals .* as wide as the inputs"):
+    with pytest.raises(InputError, match=r"residuals .* as wide as the inputs"):
         triton_network(Decoder(Architecture(8, (8, 8), residual=True)))
     with pytest.raises(InputError, match=r"float16.*compiled"):
         triton_network(Decoder(Architecture(4, (8,))).half())
