@@ -108,7 +108,7 @@ class Atlases:
             data["flip"] = self._encoded(_magma_levels(pictures["flip"]), most_quality=FLIP_QUALITY)
         flip = row.metric(FLIP)  # the full name of the variant that scored this job
         scores = arrays(self.run.folder, row.job, "slices", names=("pairs", PSNR, flip))  # a number a scored pair
-        if scores:
+        if scores and scores.keys() >= {"pairs", PSNR}:  # a file may lack some arrays
             # Scores are of all pairs, pictures of a few: find the scores of those that are shown.
             place_of_pair = {int(pair): place for place, pair in enumerate(scores["pairs"])}
             places = [place_of_pair[int(pair)] for pair in pictures["pairs"][:: self.step]]

@@ -91,7 +91,7 @@ DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, one_seed=0.005, common=0.001
 
 
 def deciding(job: Job) -> list[Quantity]:
-    """The quantities of a job that decide a verdict: parameters, bytes, and PSNR and FLIP of held-out pairs.
+    """The quantities of a job that decide a verdict: parameters, bytes, and PSNR and FLIP of the deciding pairs.
 
     A job has those that its suite measured.
 

@@ -277,15 +277,16 @@ def score(
 
     `decoded` is a codec file; or slices at the pairs of the BTF, as a folder with `pairs.csv` or as a BTF; or a
     material. Slices and materials have no file, so no bytes are counted. With `demand`, a demand file, the scores
-    include those in its scene. Raises `ContainerError` for a bad file, `InputError` if the BTF has another resolution.
+    include those in its scene. Raises `ContainerError` for a bad file; `InputError` if the BTF has another resolution, for
+    slices with a demand, and for what is none of these.
     """
     if not isinstance(btf, BTF):
         raise InputError(f"bench.score: the truth must be a BTF, not {_wrong_type(btf)}: bench.open(name) opens one")
     if not isinstance(decoded, str | os.PathLike | Material | BTF):
         given = f"not {_wrong_type(decoded)}: arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
         raise InputError(f"bench.score: give a codec file, a folder, a material or a BTF, {given}")
-    workbench = Workbench(btf, btf.name, demand=_load_demand_if_given(demand))
     require_present(device, "device")
+    workbench = Workbench(btf, btf.name, demand=_load_demand_if_given(demand))
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
         loaded = loading.load(Path(decoded), device)
         require_same_size(str(decoded), loaded.material.size, btf)

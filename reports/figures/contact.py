@@ -139,7 +139,7 @@ def strip(run: Run, budget: Budget) -> Figure | None:
             continue
         best, pictures = best_three[0]
         error_of = scores_by_pair(run, best, PSNR)
-        if error_of:  # else there is no median: another surface may have the scores of slices
+        if error_of and "pairs" in pictures:  # else there is no median: another surface may have the scores of slices
             errors = [error_of[pair] for pair in pictures["pairs"].tolist()]
             median_place = np.argsort(errors, kind="stable")[len(errors) // 2]
             with style():

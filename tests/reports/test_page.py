@@ -16,7 +16,7 @@ from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.metrics.display import to_display
 from bench.program.recording import program_of
-from bench.records import load_run
+from bench.records import PSNR, load_run
 from bench.runs.drawing import sparse_truth
 from reports import write_report
 from reports.atlas import Atlases
@@ -453,3 +453,12 @@ def test_the_first_sentence_names_the_pairs_of_all_materials(made):
     held_out, whole = materials(load_run(made.folder))
     assert _what_was_measured([held_out]).endswith("with the held-out pairs.")
     assert _what_was_measured([held_out, whole]).endswith("with the held-out pairs or, without any, all pairs.")
+
+
+def test_a_file_of_scores_without_those_of_psnr_costs_the_numbers_alone(made):
+    made.job("pca")
+    run = load_run(made.folder)
+    file = made.folder / run.jobs.latest("satin/pca/0")["slices"]
+    np.savez(file, **{name: array for name, array in np.load(file).items() if name != PSNR})
+    (codec,) = Atlases(run, materials(run)).slices_of(materials(run)[0])["codecs"]
+    assert codec.keys() == {"label", "decoded", "flip"}

@@ -255,7 +255,8 @@ def _encode_command(suite: Suite, row: Timing, device: str, out: Path | None) ->
 
 
 def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
-    """The size in bytes that an option gives: `300k`, `1.5M`, `20000`; None if it is not given."""
+    """The size in bytes that an option gives: `300k`, `1.5M`, `20000`; None if it is not given.
+    `InputError` for any other text, and for 0."""
     text = getattr(options, word)
     if text is None:
         return None
