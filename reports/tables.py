@@ -37,8 +37,9 @@ def all_tables(
     """Every table that has a row, or those of one `kind`, in the order of `KINDS` and then by material.
 
     With `narrow`, a main table is two: quality, and size and time. The summary sets codecs `against` a row, a label; ""
-    is the one that `reports.ranking` picks, and `InputError` is raised for one that the run lacks. With `whole`, the
-    table `paper` has every fit and `trade` every choice. For `absent` see `reports.paper.paper_tables`.
+    is the one that `reports.ranking` picks. With `whole`, the table `paper` has every fit and `trade` every choice. For
+    `absent` see `reports.paper.paper_tables`. `InputError` for a row to set against that the run lacks, and for a
+    finished job that lacks a field that tables show.
     """
     rows = [] if kind in BY_BUDGET else materials(run)  # which those do not need, and which takes long
     makers = dict(_OF_KIND)

@@ -6,6 +6,7 @@ The commands of `neubtf-bench` call the same code, so that a script measures the
 import dataclasses
 import json
 import logging
+import math
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -162,6 +163,8 @@ def _toml_value(value: Any) -> str:
         fault = f"a suite holds numbers, texts, lists and dictionaries, not {_wrong_type(value)}"
         remedy = "name a material of yours by its path" if isinstance(value, BTF) else "give one of these"
         raise InputError(f"bench.run: {fault}: {remedy}")
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)  # inf or nan, which JSON lacks: who reads the suite says which key refuses it
     # TOML writes these as JSON does, but knows no pair of escapes for one character, as JSON has for an emoji.
     return json.dumps(value, ensure_ascii=False)
 
@@ -277,8 +280,8 @@ def score(
 
     `decoded` is a codec file; or slices at the pairs of the BTF, as a folder with `pairs.csv` or as a BTF; or a
     material. Slices and materials have no file, so no bytes are counted. With `demand`, a demand file, the scores
-    include those in its scene. Raises `ContainerError` for a bad file; `InputError` if the BTF has another resolution, for
-    slices with a demand, and for what is none of these.
+    include those in its scene. Raises `ContainerError` for a bad file; `InputError` if the BTF has another resolution,
+    for slices with a demand, and for what is none of these.
     """
     if not isinstance(btf, BTF):
         raise InputError(f"bench.score: the truth must be a BTF, not {_wrong_type(btf)}: bench.open(name) opens one")

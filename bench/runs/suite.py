@@ -241,7 +241,7 @@ def _check_jobs(file: str, jobs: int) -> None:
 
 
 def with_metrics(suite: Suite, names: list[str]) -> Suite:
-    """The suite with more metrics than its own."""
+    """The suite with more metrics than its own. `InputError` if one names no metric."""
     return dataclasses.replace(suite, metrics=_metric_names("--metric", [*suite.metrics, *names]))
 
 
@@ -261,7 +261,8 @@ def with_changes(
 
     With `materials`, every codec runs on these alone. With `codecs`, only these run, by default settings if the suite
     does not name them. `changes` are values of settings by `data.KEY`, by `CODEC.KEY`, or by `KEY` for every codec that
-    has it. With `seeds`, these are the only ones.
+    has it. With `seeds`, these are the only ones. `InputError` for a change that changes nothing, and for a material or
+    a seed that is given twice.
     """
     if materials:
         suite = _with_materials(suite, materials)
@@ -360,7 +361,8 @@ def _absolute_path(spec: MaterialSpec) -> str:
 def canonical(suite: Suite) -> Suite:
     """The suite without settings that equal their defaults, and without the duplicates that this leaves.
 
-    Equal jobs then have equal names, however the suite spells them. Loads the codecs.
+    Equal jobs then have equal names, however the suite spells them. Loads the codecs. `InputError` if duplicates have
+    other seeds.
     """
     try:
         specs = [dataclasses.replace(spec, settings=changed_settings(spec)) for spec in suite.codecs]

@@ -66,7 +66,8 @@ def run_and_measure(
 ) -> list[str]:
     """Run a suite, with `tell` called for each outcome, then score and time its choices.
 
-    Returns the status of each job: "ok", "failed" or "unavailable". For the options see `measure`.
+    Returns the status of each job: "ok", "failed" or "unavailable". For the options see `measure`. `InputError` for a
+    wrong variant, for `noise` without Mitsuba, and as `bench.runs.runner.run` raises it.
     """
     # What the measurement needs after the run is tried first, so that its errors come before the fits.
     for variant in suite.variants:

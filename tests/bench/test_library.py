@@ -70,6 +70,8 @@ def test_a_command_a_script_and_a_run_make_the_same_file(tmp_path, folder):
 def test_a_suite_of_a_script_may_hold_any_character():
     suite = {"description": "é 🎨 \n", "materials": ["satin"], "codecs": [{"codec": "pca"}]}
     assert parse_suite("script", library._as_toml(suite)).description == "é 🎨 \n"
+    with pytest.raises(InputError, match="uniform must be a finite number"):
+        parse_suite("script", library._as_toml(suite | {"uniform": float("inf")}))
 
 
 @pytest.mark.long
