@@ -39,13 +39,13 @@ class Treatment:
 
     def __post_init__(self) -> None:
         """Raise `InputError`, which names the option, for a value out of its range."""
-        if not 0 < self.scale < np.inf:
-            raise InputError(f"--scale {self.scale:g}: must be above 0")
+        if not 0 < self.scale <= LARGEST:
+            raise InputError(f"--scale {self.scale:g}: must be above 0, and at most {LARGEST:,}")
         if not 0 <= self.margin <= 0.5:
             raise InputError(f"--make-tileable {self.margin:g}: must be from 0 to 0.5, at most half of a side")
         is_factor = 0 < _number(self.exposure) < np.inf
         if self.exposure not in (MATCH, RADIANCE) and not is_factor:
-            raise InputError(f"--exposure {self.exposure}: give {MATCH}, {RADIANCE}, or a factor above 0")
+            raise InputError(f"--exposure {self.exposure}: give {MATCH}, {RADIANCE}, or a finite factor above 0")
 
     def size(self, height: int, width: int) -> tuple[int, int]:
         """The size (H, W) of a picture of some height and width after its scaling, at least 1."""
@@ -138,7 +138,8 @@ def blended(picture: Array, margin: float) -> Array:
 
 
 def _overlap(side: int, margin: float) -> int:
-    """Texels of a side to blend away: the margin's, and up to three more if the rest then fits the stride."""
+    """Texels of a side to blend away: the margin's, and up to three more for which the rest fits the stride, unless
+    these would make it more than half of the side."""
     least = min(round(side * margin), side // 2)
     fitting = least + (side - least) % STRIDE
     if least > 0 and 2 * fitting <= side:  # an overlap is at most half of the side

@@ -12,7 +12,8 @@ from bench.btf import box_filter
 from bench.files.atomic import PNG, begins, refuse_other_kind, replacing
 from bench.inputs.errors import writable
 
-SIDE = 192  # least pixels of a channel's longer side, which has fewer than twice as many
+# Least pixels of a channel's longer side. It has fewer than twice as many, unless that would leave the other side none.
+SIDE = 192
 GAP = 6  # pixels between channels
 WHITE = 255
 

@@ -71,11 +71,11 @@ def propagate(
     """Write the material of a file with a new neural texture, made from a picture, to `out`; its header names both.
 
     `device` is where the texture is made. Raises `InputError`, and writes nothing, if `out` is the file itself, if that
-    holds no autoencoder, or if the picture cannot be read.
+    holds no autoencoder, or if the picture cannot be read; `ContainerError` if the file is damaged.
     """
+    source = FittedMaterial.read(path)
     if out.exists() and out.samefile(path):
         raise InputError(f"{out}: it would replace the file that it is made from: give another name")
-    source = FittedMaterial.read(path)
     guidance, provenance = read_guidance(picture, treatment, source.guidance, source.exposure)
     texture = textured(source.encoder.to(device), guidance.to(device), show)
     codec, parts = source.guided(texture)

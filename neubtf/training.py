@@ -246,7 +246,8 @@ class Staged(Guided):
         start = self.starts[stage]
         end = self.starts[stage + 1] if stage < 2 else steps
         of_encoder = group < ENCODER_GROUPS[self.settings.optimiser]
-        if stage == 2 and self.settings.direct > 0 and not of_encoder:
+        had_direct_steps = self.starts[1] > 0
+        if stage == 2 and had_direct_steps and not of_encoder:
             return 0.0
         return super().rate(step - start, end - start, group)
 

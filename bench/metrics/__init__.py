@@ -86,7 +86,10 @@ def get(name: str) -> Metric:
 
 
 def _metric_and_parts(name: str) -> tuple[Metric, dict[str, str | None]]:
-    """The metric that a name belongs to, and by name the variable parts, `ppd` and `ending`, of this name."""
+    """The metric that a name belongs to, and by name the variable parts, `ppd` and `ending`, of this name.
+
+    Raises as `get` does.
+    """
     built_in = _built_in(name)
     if built_in:
         return built_in
@@ -145,6 +148,8 @@ def listed() -> dict[str, str]:
 def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
     """The metrics of a suite for a material: the periodic variants if the material repeats. `psnr_display`, the main
     metric, comes first, named or not. `InputError` for an unknown name."""
+    for name in names:
+        _metric_and_parts(name)  # a periodic ending, too, must be of a metric that has it
     plain = [REGISTERED[0].name, *(name.removesuffix(PERIODIC) for name in names)]
     chosen = []
     for name in dict.fromkeys(plain):
@@ -183,8 +188,8 @@ def family_of(name: str) -> str:
 def metric_of(names: Iterable[str], family: str) -> str:
     """Which of these metrics a table shows for a family, or for a metric in any variant (`ssim` → `ssim_periodic`).
 
-    Of several one that suites measure by default comes first, so FLIP is that of 67 pixels per degree; then the first
-    by name. "" if there is none.
+    Of several the one of this very name comes first; then one that suites measure by default, so FLIP is that of 67
+    pixels per degree; then the first by name. "" if there is none.
     """
     return _member(tuple(names), family)
 
@@ -232,7 +237,8 @@ def all_exact(stats: Mapping[str, Any]) -> bool:
 
 
 def mean_over(jobs: Iterable[Job], family: str) -> float | None:
-    """The mean over jobs, such as those of all seeds, of a metric's mean over slices; None where none has a number."""
+    """The mean over jobs, such as those of all seeds, of a metric's mean over the deciding slices; None where none has
+    a number."""
     means = [stats_of(job, family).get("mean") for job in jobs]
     measured = [mean for mean in means if mean is not None]
     return fmean(measured) if measured else None
@@ -248,7 +254,7 @@ _OF_PART = _OF_MEAN_PSNR | {RMSE: ("pooled", "relative")}
 def read_scores(scores: Mapping[str, Group]) -> dict[str, Group]:
     """The scores of a job, by group of pairs, that something reads; the rest can be made again from its file.
 
-    Whole are the deciding group and that of a scene. Of all pairs, of training and validation pairs, of low light, of
+    Every statistic stays of the deciding group and of that of a scene. Of all pairs, of training and validation pairs, of low light, of
     each part of the deciding group (but of no part of a part), and of those in and out of a scene, a few statistics
     of a few metrics stay. Other groups go.
     """

@@ -20,7 +20,8 @@ class Picture:
     small slice in a stack of 16 takes half the time. In single precision FLIP's powers of .5 and .7 would lift rounding
     errors beyond 2e-5. Negative radiance counts as 0. `name` names the argument in errors.
 
-    Raises `InputError` if the values are not floats, not finite, or have another shape.
+    Raises `InputError` if the values are not floats, not finite, or have another shape, or if the exposure is not
+    positive.
     """
 
     def __init__(self, radiance: Array, exposure: float, name: str):
@@ -61,7 +62,7 @@ def check_radiance(values: Array, name: str) -> Array:
     if not np.issubdtype(values.dtype, np.floating):
         raise InputError(f"{name} must hold floating-point radiance, not {values.dtype}")
     if values.ndim < 3 or values.shape[-1] != 3 or 0 in values.shape:
-        raise InputError(f"{name} must be (H, W, 3), not {values.shape}")
+        raise InputError(f"{name} must be (H, W, 3), H and W at least 1, not {values.shape}")
     if not np.isfinite(values).all():
         raise InputError(f"{name} must be finite, but {int((~np.isfinite(values)).sum())} of its values are not")
     return values
@@ -85,6 +86,11 @@ class SliceMetric:
     perfect = 0.0  # the raw number of two equal slices
     smallest = 1  # texels a side that a picture must have
     per_material = False  # whether `for_material` has anything to fix
+
+    @property
+    def title(self) -> str:
+        """What errors call the metric."""
+        return type(self).__name__
 
     @property
     def module(self) -> str:
@@ -126,7 +132,7 @@ class SliceMetric:
         if min(picture.shape[-2:]) < self.smallest:
             size = "{} × {}".format(*picture.shape[-2:])
             least = self.smallest
-            raise InputError(f"reference is {size}, but {type(self).__name__} needs at least {least} × {least}")
+            raise InputError(f"reference is {size}, but {self.title} needs at least {least} × {least}")
         return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
 
     def error_map(self, reference: Prepared, test: Array) -> Array:

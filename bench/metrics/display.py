@@ -34,8 +34,8 @@ def exposure_of(slices: Array) -> float:
 
 
 def sample(btf: BTF, seed: int = 0) -> Array:
-    """A seeded sample (slices, n, 3) of linear radiance: n texels of each slice, about 1 M values in all; all values if
-    there are fewer."""
+    """A seeded sample (slices, n, 3) of linear radiance: n texels of each slice, or of each of `SAMPLE_SLICES` if there
+    are more; about 1 M values in all. All values if there are fewer."""
     height, width = btf.shape
     if len(btf) * height * width * 3 <= SAMPLE_VALUES:
         return np.stack([picture.reshape(-1, 3) for picture in btf])

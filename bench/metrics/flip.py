@@ -230,8 +230,8 @@ class Range(NamedTuple):
 class HDR(SliceMetric):
     """FLIP over a range of exposures, tone-mapped by ACES as fitted by Narkowicz (2015).
 
-    Without `start` and `stop` the range is that of each reference, as published; a reference that is black over half of
-    it or more has none and raises `InputError`. Within a material every slice has the range of the whole material,
+    Without `start` and `stop` the range is that of each reference, as published; a reference that is black over more
+    than half of it has none and raises `InputError`. Within a material every slice has the range of the whole material,
     which `for_material` finds from the luminances above 0 in its sample. The exposure of the display is not used.
     """
 
@@ -241,7 +241,7 @@ class HDR(SliceMetric):
 
     def __init__(self, ppd: float = PPD, periodic: bool = False, start: float | None = None, stop: float | None = None):
         """`ppd`: pixels per degree. `start` and `stop`: the exposures in stops; None: chosen by the reference, as
-        published."""
+        published. `InputError` if `ppd` is not above 0, or if only one of both is given or they are no range."""
         self.ppd = check_ppd(ppd)
         self.periodic = periodic
         if (start is None) != (stop is None):
@@ -266,11 +266,11 @@ class HDR(SliceMetric):
         return self.range._asdict() if self.range else {}
 
     def range_of(self, luminance: Array) -> Range:
-        """The published range for luminances of any shape; raises `InputError` if their median is 0."""
+        """The published range for luminances of any shape; raises `InputError` if over half of them are 0."""
         # Of an even count the upper of both in the middle, not their mean.
         middle = np.sort(luminance, axis=None)[luminance.size // 2]
         if not middle > 0:
-            fault = "reference is black over half of it or more, so FLIP has no exposures"
+            fault = "reference is black over more than half of it, so FLIP has no exposures"
             raise InputError(f"{fault}: give start and stop")
         # The curve is `_BRIGHT` where its numerator − `_BRIGHT` · its denominator, a polynomial of x, is 0.
         numerator, denominator = np.reshape(self.curve, (2, 3))
@@ -279,7 +279,10 @@ class HDR(SliceMetric):
         return Range(math.log2(bright / luminance.max()), math.log2(bright / middle))
 
     def reference_side(self, reference: Picture) -> tuple[Array, tuple[Perceived, ...]]:
-        """The exposures in stops, and what is perceived of the reference at each."""
+        """The exposures in stops, and what is perceived of the reference at each.
+
+        `InputError` if there is no range yet, and the reference is a stack or too black for one.
+        """
         is_stack = len(reference.shape) > 2  # (..., H, W), without the channels
         if not self.range and is_stack:
             raise InputError("reference is a stack, each with exposures of its own: give start and stop")
@@ -327,7 +330,8 @@ class Reinhard(HDR):
 
 def magma(error_map: Array) -> Array:
     """A map (..., H, W) in [0, 1] → sRGB in [0, 1], (..., H, W, 3) float32, each value rounded to one of 256 colours
-    of magma (van der Walt and Smith, 2015), black for no difference. Raises `InputError` for values outside [0, 1]."""
+    of magma (van der Walt and Smith, 2015), black for no difference. Raises `InputError` for values outside [0, 1] or
+    of another type."""
     error_map = np.asarray(error_map)
     if not (np.issubdtype(error_map.dtype, np.floating) and ((error_map >= 0) & (error_map <= 1)).all()):
         raise InputError("error_map must hold floating-point values in [0, 1]")

@@ -37,6 +37,10 @@ class Guarded(SliceMetric):
         self.per_material = metric.per_material
 
     @property
+    def title(self) -> str:
+        return self.called
+
+    @property
     def module(self) -> str:
         return self.metric.module
 
@@ -62,7 +66,8 @@ class Guarded(SliceMetric):
         return numbers
 
     def pool(self, raw: Array) -> float:
-        return float(self._answer("pool", raw))
+        number: float = _answer_of(self.called, "fails in pool", lambda: float(self.metric.pool(raw)))
+        return number
 
     def _answer(self, method: str, *arguments: Any) -> Any:
         """What a method of the metric answers; `PluginError` for whatever it raises."""

@@ -254,7 +254,10 @@ def _relative(error: float | None, radiance: float | None) -> float | None:
 
 
 def _weighted(metric: SliceMetric, raw: Array, share: Array) -> Statistics:
-    """As `_statistics`, with means weighted by the shares (n,) of raw numbers (n,), which have no NaN."""
+    """As `_statistics`, with means weighted by the shares (n,) of raw numbers (n,), which have no NaN.
+
+    `pooled` is of their weighted mean, also for a metric whose `pool` does otherwise: that knows no shares.
+    """
     values = metric.values(raw)
     finite = np.isfinite(values)
     mean = None
@@ -351,7 +354,7 @@ def _statistics(metric: SliceMetric, raw: Array) -> Statistics:
     A raw value can be averaged, such as the mean squared error of a slice. `metric.values` makes of each the value that
     is shown, such as dB; `metric.pool` makes that of their average.
 
-    `mean` and `std` are of the finite numbers (the PSNR of a slice without error is infinite), `pooled` is of all; each
+    `mean` and `std` are of the finite numbers (a metric of another package may have others), `pooled` is of all; each
     is None where there is nothing to measure.
     """
     values = metric.values(raw)

@@ -209,7 +209,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     point of the curve then has `ended`. The state is saved in `fit.checkpoint`, if given, and a fit resumes from it;
     the caller removes it. If the loss is not finite, a parameter exceeds `FARTHEST` or the error `AWAY`, the last good
     state is restored and the learning rate halved; the fourth time, `DivergedError` is raised. Raises `InputError` if
-    the file on disk belongs to another fit.
+    the file on disk is no state, or one with other tensors, and for fewer steps than one.
     """
     if steps < 1:
         raise InputError(f"steps = {steps}: a fit needs at least one")
@@ -232,7 +232,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
 def better_start(make: Callable[[Fit], Objective], fit: Fit, steps: int) -> Fit:
     """The fit with its own seed or another one, whichever gives the better objective after a few of its steps.
 
-    It is for codecs with an offset, which may find depths that are a period of the surface off, and then stays there.
+    It is for codecs with an offset. A fit of it may find depths that are a period of the surface off, and then stays.
     `make` gives the objective of a fit.
     """
     best = fit

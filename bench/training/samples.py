@@ -96,7 +96,7 @@ class Samples:
         return drawn.to(self.device, non_blocking=True)
 
     def draw(self, count: int, generator: torch.Generator) -> Batch:
-        """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
+        """Draw `count` samples, uniform over the texels of training and pairs; in a fit to a scene, by its density."""
         if self.density:
             drawn = self.density.draw(count, self.shape, generator)
             return self.seen(self._to_device(drawn.texel), self._to_device(drawn.direction))

@@ -67,16 +67,19 @@ class Rounding(nn.Module):
         return rounded(values, self.low, self.step, self.bits)
 
     def _estimated_bits(self, values: Tensor) -> Tensor | None:
-        """About the bits that a texture takes in a file, with a gradient; None if its pictures are not known."""
+        """About the bits that a texture takes in a file, with a gradient; None if its pictures are not known, or too small
+        to tell."""
         if values.ndim == 3:
-            return estimated_bits(values, self.step, self.bits)
-        if self.sizes is None:
+            pictures = [values]
+        elif self.sizes is None:
             return None
-        pictures = values.split([height * width for height, width in self.sizes])
+        else:
+            parts = values.split([height * width for height, width in self.sizes])
+            pictures = [part.unflatten(0, size) for part, size in zip(parts, self.sizes, strict=True)]
         bits = [
-            estimated_bits(picture.unflatten(0, size), self.step, self.bits)
-            for picture, size in zip(pictures, self.sizes, strict=True)
-            if min(size) > 1  # a single row or column of texels has no neighbours to predict from
+            estimated_bits(picture, self.step, self.bits)
+            for picture in pictures
+            if min(picture.shape[:2]) > 1  # a single row or column of texels has no neighbours to predict from
         ]
         return torch.stack(bits).sum() if bits else None
 

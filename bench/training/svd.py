@@ -130,7 +130,7 @@ def _scaled(read: Blocks, root: Tensor, label: str) -> Iterator[Tensor]:
 
 
 def _exact(read: Blocks, shape: tuple[int, int], rank: int, device: torch.device) -> Factors:
-    """All components, from the eigenvectors of the smaller Gram matrix in double precision."""
+    """The `rank` strongest components, from the eigenvectors of the smaller Gram matrix in double precision."""
     features, texels = shape
     mean = torch.zeros(features, device=device)
     matrix = torch.empty(features, texels, device=device)

@@ -96,7 +96,10 @@ def bits_of(data: Tensor, channels: int) -> Tensor:
 
 
 def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
-    """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most_codes`."""
+    """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most_codes`.
+
+    `InputError` if the bytes hold no codes of this shape.
+    """
     channels = shape[-1]
     count = math.prod(shape)
     if not len(data) or data[0] > PREDICTED:

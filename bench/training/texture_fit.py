@@ -102,7 +102,7 @@ class DirectedObjective(TextureObjective):
     then those of the two directions, of the kind `settings.directions`.
 
     The network starts at the mean of the data for any inputs; with `about` its last weights are random, so it starts
-    near the mean. Its weights are the first that is drawn from the generator.
+    near the mean. Its weights are the first numbers that are drawn from the generator.
     """
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator, about: bool = False):

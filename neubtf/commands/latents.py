@@ -14,7 +14,8 @@ from bench.codec import Terminal
 from bench.codecs import loading
 from bench.codecs.scene_material import SceneMaterial
 from bench.inputs.errors import FINE, InputError
-from bench.training.gridded import DirectedGriddedMaterial
+from neubtf.codec import NeuBTF
+from neubtf.direct import NeuBTFDirect
 from neubtf.latents import draw
 from neubtf.renderer import NeuBTFMaterial
 
@@ -26,14 +27,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, terminal: Terminal) -> int:
-    """Draw the picture, and return the exit code. `InputError` for a file of another codec."""
+    """Draw the picture, and return the exit code. `InputError` for a file of another codec, or of several grids."""
     header, material, _ = loading.load(options.file)
     if isinstance(material, SceneMaterial):
         material = material.inner
-    if isinstance(material, DirectedGriddedMaterial):
-        raise InputError(f"{options.file}: its latents lie on several grids: give a file without half, quarter, offset")
-    if not isinstance(material, NeuBTFMaterial):
+    if header.codec not in (NeuBTF.name, NeuBTFDirect.name):
         raise InputError(f"{options.file}: it is a file of codec {header.codec}: give one of neubtf or neubtf-direct")
+    if not isinstance(material, NeuBTFMaterial):
+        raise InputError(f"{options.file}: its latents lie on several grids: give a file without half, quarter, offset")
     out = options.out or options.file.with_suffix(".latents.png")
     draw(material.texture, out)
     terminal.say(f"wrote {out}: {material.texture.shape[2]} channels of {material.size[0]} × {material.size[1]} texels")

@@ -13,6 +13,7 @@ from pathlib import Path
 from bench.codec import Terminal
 from bench.codecs.loading import load
 from bench.inputs.errors import FINE, InputError
+from bench.machine.devices import require_present
 from neubtf.guidance import Treatment
 from neubtf.propagation import propagate
 from neubtf.renderer import Decoded
@@ -50,6 +51,7 @@ def run(options: argparse.Namespace, terminal: Terminal) -> int:
     """Write the new file, say how visible its seams are, and return the exit code. `InputError` for wrong options."""
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: there is no folder {options.out.parent}: make it first")
+    require_present(options.device, "--device")
     treatment = Treatment(options.scale, options.make_tileable, options.exposure)
     with terminal:
         header = propagate(options.file, options.guidance, options.out, treatment, terminal.show, options.device)
