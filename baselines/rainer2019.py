@@ -66,7 +66,7 @@ class Rainer2019(Codec):
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
         directions: Directions = "xyzh"  # inputs: each stereographic as published, or all of both and of their half
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
-        latents: Width = 8  # channels that the encoder makes
+        latents: Width = 8  # latents of a texel, free or made by the encoder
         width: Width = rainer.WIDTH  # of the decoder's hidden layers
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
         activation: rainer.Activation = "leaky-relu"  # activation of the decoder's hidden layers

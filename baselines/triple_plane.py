@@ -9,7 +9,7 @@ From half of the fit on, planes are looked up *rounded*, as the file stores them
 """
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from baselines.planes import Difference, blurred, blurring, half_and_difference, places
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.inputs.settings import Count, Natural, NotNegative, Positive, Width
+from bench.inputs.settings import Natural, NotNegative, Positive, Range, Width
 from bench.material import Material, sample_texture, saturated, texel_corners, to_radiance
 from bench.training import Batch, Loss, Samples, TextureObjective, TextureSettings, fitted
 from bench.training.decoder import Architecture, Decoder
@@ -56,11 +56,10 @@ class TriplePlane(Codec):
     @dataclass(frozen=True)
     class Settings(TextureSettings, GridSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its difference vector, loss, random planes, no blur, Adam
-        batch: Count = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
-        channels: Count = 8  # of each plane
+        channels: Width = 8  # of each plane
         width: Width = 32  # of the network's hidden layers
-        resolution: Count = 50  # texels a side of the planes over directions
+        resolution: Annotated[int, Range(1, 4096)] = 50  # texels a side of the planes over directions
         difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
         blur: NotNegative = 5.0  # σ in texels of the planes over directions, so that neighbours fill unseen directions
         start: Start = "mixed"  # of the planes: x and y of directions, and of texels components, both; or all random

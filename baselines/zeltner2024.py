@@ -11,7 +11,7 @@ x, y and z on these axes. From half of the fit on, latents are looked up *rounde
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -21,7 +21,7 @@ from baselines.planes import half_and_difference
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
-from bench.inputs.settings import Count, Natural
+from bench.inputs.settings import Layers, Range, Width
 from bench.material import HIGHEST_LEVEL, Material, at_least_float32, to_radiance
 from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, fitted
 from bench.training.decoder import Activation, Architecture, Decoder
@@ -62,11 +62,11 @@ class Zeltner2024(Codec):
     class Settings(FitSettings, GridSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": as in the authors' code of 2026, random latents, Adam
         edition: Literal["article", "code"] = "article"  # "code": its latents, inputs, output and space of the loss
-        latents: Count = 8  # channels of the neural texture
-        frames: Natural = 2  # learned shading frames; 0: the network sees unturned directions
+        latents: Width = 8  # channels of the neural texture
+        frames: Annotated[int, Range(0, 64)] = 2  # learned shading frames; 0: the network sees unturned directions
         halfway: bool = True  # also turn the half vector; `edition=code` always does
-        layers: Count = 2  # hidden layers of the network
-        width: Count = 32  # channels of each hidden layer
+        layers: Layers = 2  # hidden layers of the network
+        width: Width = 32  # channels of each hidden layer
         activation: Activation = "leaky-relu"  # activation of the hidden layers
         bits: Bits = 0  # bits of a stored latent on average; 0: chosen by the fit; 16, 32: floats
 

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from baselines.neumip import LOSSES, NeuMIPObjective
 from baselines.neuralbtf import NeuralBTF, texture_factors
 from bench.codec import Codec, Fit
 from bench.codecs import shared
-from bench.codecs.registry import load_codec, make_codec
+from bench.codecs.registry import codec_entries, load_codec, make_codec
 from bench.conformance.check import tiny_btf
 from bench.directions import hemisphere
 from bench.inputs.errors import InputError
@@ -59,6 +60,14 @@ def test_settings_without_sense_are_refused(name: str, wrong: dict[str, Any]) ->
     for setting, value in wrong.items():
         with pytest.raises(InputError, match=setting):
             make_codec(name, {setting: value})
+
+
+@pytest.mark.parametrize("name", codec_entries())
+def test_settings_that_could_exhaust_memory_are_refused(name: str) -> None:
+    bounded = ["batch", "channels", "frames", "half", "latents", "layers", "quarter", "resolution", "width"]
+    for setting in set(bounded) & {field.name for field in fields(load_codec(name).Settings)}:
+        with pytest.raises(InputError, match=setting):
+            make_codec(name, {setting: 10**9})
 
 
 def test_settings_of_networks_without_sense_are_refused() -> None:

@@ -125,3 +125,11 @@ def test_a_window_shows_what_the_picture_shows(corner: tuple[int, int]) -> None:
 def test_the_papers_recipe_has_no_offset() -> None:
     with pytest.raises(InputError, match="offset"):
         NeuBTF(recipe="paper", offset=4)
+
+
+def test_a_share_of_direct_steps_that_rounds_to_none_leaves_the_renderer_to_the_guided_stage() -> None:
+    settings = NeuBTF(steps=10, direct=0.01, taught=0.0).settings
+    guidance = torch.rand(1, 3, 12, 12)
+    encoder = Encoder.for_guidance(guidance, Autoencoder(settings.channels))
+    fitting = Staged(Samples(tiny_btf(12), 1.0, Fit()), settings, encoder, guidance, Fit().generator())
+    assert fitting.rate(0, settings.steps, len(fitting.groups()) - 1) > 0

@@ -181,12 +181,22 @@ def test_bad_paths_and_pictures_are_refused(file: Path, own: Path, tmp_path: Pat
     ):
         assert propagate(file, picture, out) == 2
         assert told in capsys.readouterr().err
-    assert propagate(tmp_path / "none.nbtf", own, tmp_path / "new") == 2
-    assert "none.nbtf: " in capsys.readouterr().err
+    for out in (tmp_path / "new", file):  # one of them is there
+        assert propagate(tmp_path / "none.nbtf", own, out) == 2
+        assert "none.nbtf: " in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("words", [("--scale", "0"), ("--make-tileable", "0.6"), ("--exposure", "bright")])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--scale", "0"),
+        ("--scale", "1e308"),
+        ("--make-tileable", "0.6"),
+        ("--exposure", "bright"),
+        ("--device", "no-device"),
+    ],
+)
 def test_settings_without_sense_are_refused(file: Path, own: Path, tmp_path: Path, words: tuple[str, str], capsys):
     assert propagate(file, own, tmp_path / "new", *words) == 2
     assert words[0] in capsys.readouterr().err

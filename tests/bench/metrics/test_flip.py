@@ -113,6 +113,10 @@ def test_a_reference_that_is_mostly_black_needs_a_range():
         assert metric.score(metric.prepare(black, 1.0), black) == 0
 
 
+def test_a_reference_that_is_half_black_has_a_range():
+    HDR().prepare(np.repeat([0.0, 1.0], 8 * 3).reshape(4, 4, 3), 1.0)
+
+
 def test_a_material_fixes_one_range_for_all_its_slices():
     rng = np.random.default_rng(0)
     sample = np.concatenate([np.zeros((900, 3)), rng.random((100, 3)) + 0.5])

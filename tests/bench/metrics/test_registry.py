@@ -13,6 +13,8 @@ def test_chosen_names_take_the_variant_of_the_material_and_psnr_comes_first():
     assert chosen_names(DEFAULTS, False) == DEFAULTS
     with pytest.raises(InputError, match="flip_hdr"):
         chosen_names(["flip_hdr"], True)
+    with pytest.raises(InputError, match="psnr_log1p_periodic"):
+        chosen_names(["psnr_log1p_periodic"], True)
 
 
 @pytest.mark.parametrize(

@@ -258,3 +258,12 @@ def test_a_smooth_texture_is_estimated_at_fewer_bits_as_its_file_takes_them() ->
     assert estimated[0] < estimated[1]
     assert taken[0] < taken[1]
     assert estimated[1] == pytest.approx(taken[1], rel=0.25)
+
+
+@pytest.mark.parametrize("size", [(1, 8), (8, 1), (1, 1)])
+def test_a_single_row_of_texels_has_no_estimate(size: tuple[int, int]) -> None:
+    values = torch.rand(*size, 3, requires_grad=True)
+    rounding = Rounding(3, 4)
+    rounding.set(values, torch.tensor([4, 4, 4]))
+    rounding(values)
+    assert rounding.spent_bits is None
