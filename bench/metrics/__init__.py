@@ -254,9 +254,9 @@ _OF_PART = _OF_MEAN_PSNR | {RMSE: ("pooled", "relative")}
 def read_scores(scores: Mapping[str, Group]) -> dict[str, Group]:
     """The scores of a job, by group of pairs, that something reads; the rest can be made again from its file.
 
-    Every statistic stays of the deciding group and of that of a scene. Of all pairs, of training and validation pairs, of low light, of
-    each part of the deciding group (but of no part of a part), and of those in and out of a scene, a few statistics
-    of a few metrics stay. Other groups go.
+    Every statistic stays of the deciding group and of that of a scene. Of all pairs, of training and validation pairs,
+    of low light, of each part of the deciding group (but of no part of a part), and of those in and out of a scene, a
+    few statistics of a few metrics stay. Other groups go, and so does the mean radiance of each.
     """
     deciding = deciding_group(scores)
     groups_read: dict[str, Group] = {}

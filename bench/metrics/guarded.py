@@ -57,6 +57,9 @@ class Guarded(SliceMetric):
     def compare(self, side: Any, test: Picture) -> Array:
         """The metric's map, which must be finite: a NaN would count as a slice that the metric does not apply to."""
         differences: Array = self._answer("compare", side, test)
+        shape = np.shape(differences)
+        if len(shape) < 2 or shape[:-2] != test.shape[:-2]:
+            raise PluginError(f"{self.called}: compare returned {shape}, not a map (..., H, W) of {test.shape}")
         if not np.isfinite(differences).all():
             raise PluginError(f"{self.called}: compare returned values that are not finite")
         return differences

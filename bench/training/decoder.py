@@ -184,7 +184,8 @@ def _initialise(layer: Any, architecture: Architecture, depth: int, generator: t
 def decoding(numbers: int) -> Iterator[None]:
     """Raise a `ValueError` for any `Decoder` with more weights than a file of so many `numbers` can hold.
 
-    `FREE_WEIGHTS` are allowed in any case. Otherwise the settings in a file's header, which cost no bytes, could ask for any size.
+    `FREE_WEIGHTS` are allowed in any case. Otherwise the settings in a file's header, which cost no bytes, could ask
+    for any size.
     """
     token = _most_weights.set(max(FREE_WEIGHTS, numbers))
     try:

@@ -67,8 +67,8 @@ class Rounding(nn.Module):
         return rounded(values, self.low, self.step, self.bits)
 
     def _estimated_bits(self, values: Tensor) -> Tensor | None:
-        """About the bits that a texture takes in a file, with a gradient; None if its pictures are not known, or too small
-        to tell."""
+        """About the bits that a texture takes in a file, with a gradient; None if its pictures are not known, or all
+        are single rows or columns."""
         if values.ndim == 3:
             pictures = [values]
         elif self.sizes is None:

@@ -34,13 +34,18 @@ def test_bad_input_names_its_argument(name, bad):
 
 
 def test_errors_name_a_metric_of_another_package():
-    class NoNumber(SSIM):
+    class Wrong(SSIM):
+        def compare(self, side, test):
+            return 0.5
+
         def pool(self, raw):
             return None
 
-    metric = guarded(NoNumber, "metric grain of package film")
+    metric = guarded(Wrong, "metric grain of package film")
     with pytest.raises(InputError, match="metric grain of package film needs at least 11"):
         metric.prepare(GOOD[:9], 1.0)
+    with pytest.raises(InputError, match=r"metric grain of package film: compare returned \(\), not a map"):
+        metric.score(metric.prepare(GOOD, 1.0), GOOD)
     with pytest.raises(InputError, match="metric grain of package film fails in pool"):
         metric.pool(np.ones(2))
 
