@@ -175,11 +175,12 @@ class Published(Guided):
         """A function of a step, compiled where that saves time and is possible: in a long fit, on a GPU, by Triton.
 
         It is then recorded as graphs of a GPU's kernels ("reduce-overhead"). Each size of window would be compiled
-        anew. Windows have one size where every crop is smaller than the picture.
+        anew. Windows have one size where every crop with its surroundings is smaller than the picture.
         """
         settings, device = self.settings, self.samples.device
         long_enough = settings.steps >= COMPILED_FROM
-        one_size = settings.crop < settings.smallest * min(self.samples.shape)
+        with_surroundings = settings.crop + 2 * settings.around
+        one_size = with_surroundings < settings.smallest * min(self.samples.shape)
         if long_enough and one_size and device.type == "cuda" and _triton_works():
             return torch.compile(function, dynamic=False, mode="reduce-overhead")
         return function

@@ -266,7 +266,7 @@ class Configured:
 
     def __init__(self, *, zstd: bool | str = False, scene: bool | str = False, **settings: Any):
         """Set the given settings, and the others to the defaults of the recipe or of the class; convert strings. Every
-        codec has `zstd` and `scene`: see `COMMON_MEANINGS`."""
+        codec has `zstd` and `scene`: see `COMMON_MEANINGS`. `InputError` for an unknown setting or a wrong value."""
         self.zstd: bool = convert(self.name, ZSTD, bool, zstd)
         self.scene: bool = convert(self.name, SCENE, bool, scene)
         recipe = self.recipes.get(settings.get(RECIPE, ""), {})

@@ -220,7 +220,7 @@ def shared_out(errors: Tensor, sizes: Tensor, total: int, bearable: float, least
     """The bits (C,) of each channel, `least` to `MOST_BITS`, from the `errors` (C, n) that each of these adds.
 
     Each bit goes to the channel that adds most error for each of its `sizes` (C,) numbers, until all together add a
-    bearable error, or `total` bits are spent.
+    bearable error, or `total` bits are spent: the last one may go beyond, if channels differ in size.
     """
     bits = torch.full((len(errors),), least)
     while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):

@@ -165,6 +165,7 @@ LONG_FIT = {"steps": COMPILED_FROM, "crop": 8}  # crops that a scale of 0.75 lea
         (LONG_FIT, "cuda", "/usr/bin/gcc", True),
         (LONG_FIT, "cpu", "/usr/bin/gcc", False),
         (LONG_FIT | {"steps": COMPILED_FROM - 1}, "cuda", "/usr/bin/gcc", False),
+        (LONG_FIT | {"around": 2}, "cuda", "/usr/bin/gcc", False),
         (LONG_FIT | {"crop": 16}, "cuda", "/usr/bin/gcc", False),  # windows of many sizes
         (LONG_FIT, "cuda", None, False),  # Triton would fail in the first step
     ],
