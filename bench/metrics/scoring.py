@@ -80,7 +80,7 @@ class _Stack:
 class Scorer:
     """Scores any number of codecs against one BTF.
 
-    `names` are metrics of the registry, by default `bench.metrics.DEFAULTS`, in the periodic variants if the BTF repeats.
+    `names` are metrics of the registry, by default `bench.metrics.DEFAULTS`, or their periodic variants if it repeats.
     `exposure` is that of the material, by default measured of `sampled` (None: of the BTF itself), as are the constants
     that metrics fix. `threads` compute metrics, by default one on each core. `cache_bytes` limits the cache of the
     reference between codecs.
