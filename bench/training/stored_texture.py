@@ -69,17 +69,16 @@ class Rounding(nn.Module):
     def _estimated_bits(self, values: Tensor) -> Tensor | None:
         """About the bits that a texture takes in a file, with a gradient; None if its pictures are not known, or all
         are single rows or columns."""
+        # A single row or column of texels has no neighbours to predict from.
         if values.ndim == 3:
-            pictures = [values]
-        elif self.sizes is None:
+            return estimated_bits(values, self.step, self.bits) if min(values.shape[:2]) > 1 else None
+        if self.sizes is None:
             return None
-        else:
-            parts = values.split([height * width for height, width in self.sizes])
-            pictures = [part.unflatten(0, size) for part, size in zip(parts, self.sizes, strict=True)]
+        pictures = values.split([height * width for height, width in self.sizes])
         bits = [
-            estimated_bits(picture, self.step, self.bits)
-            for picture in pictures
-            if min(picture.shape[:2]) > 1  # a single row or column of texels has no neighbours to predict from
+            estimated_bits(picture.unflatten(0, size), self.step, self.bits)
+            for picture, size in zip(pictures, self.sizes, strict=True)
+            if min(size) > 1
         ]
         return torch.stack(bits).sum() if bits else None
 
