@@ -281,10 +281,14 @@ def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
         raise InputError(f"{path}: its codec is {header.codec}: only neubtf makes textures from guidance images")
     if not parts.encoder:
         raise InputError(f"{path}: it holds no autoencoder: encode the material again, with --set keep_encoder=true")
-    channels = header.settings["latents"]
-    if header.settings.get("offset"):
-        channels += OFFSET_CHANNELS
+    channels = texture_channels(header.settings["latents"], header.settings.get("offset", 0))
     return load_encoder(parts.encoder, channels), parts.encoder["guidance"]
+
+
+def texture_channels(latents: int, offset: int) -> int:
+    """The channels of a texture by the settings of these names: the latents, then those that the offset's network
+    reads."""
+    return latents + OFFSET_CHANNELS if offset else latents
 
 
 def displayed(log_radiance: Tensor) -> Tensor:

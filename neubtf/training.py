@@ -39,7 +39,7 @@ from bench.training.gridded import GriddedNetwork
 from bench.training.grids import OFFSET_CHANNELS, Further
 from bench.training.samples import centres
 from neubtf.augmentation import Crop, Disturbance, draw_scale
-from neubtf.autoencoder import STRIDE, Encoder, displayed
+from neubtf.autoencoder import STRIDE, Encoder, displayed, texture_channels
 from neubtf.renderer import RendererSettings, on_grids, render
 
 # How many groups of parameters are the encoder's; they come before those of the renderer and the texture.
@@ -83,8 +83,8 @@ class StagedSettings(NetworkSettings, RendererSettings):
 
     @property
     def channels(self) -> int:
-        """The channels of the texture: the latents, then those that the offset's network reads."""
-        return self.latents + (OFFSET_CHANNELS if self.offset else 0)
+        """The channels of the texture, as the autoencoder makes it."""
+        return texture_channels(self.latents, self.offset)
 
     def __post_init__(self) -> None:
         """Raise `InputError` if no steps are left for the last stage, if there is no texture to teach, or for an offset
@@ -92,7 +92,7 @@ class StagedSettings(NetworkSettings, RendererSettings):
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
             raise InputError("codec neubtf needs direct + taught below 1, and direct above 0 if taught is above 0")
         if self.offset and self.recipe == "paper":
-            raise InputError("codec neubtf has no offset by recipe=paper: leave out one of both settings")
+            raise InputError("codec neubtf has no offset by recipe=paper: leave one of the two out")
 
 
 class Example(NamedTuple):

@@ -96,9 +96,9 @@ def test_grids_that_do_not_fit_are_refused() -> None:
         codec.decode(replace(parts, texture=textures), torch.device("cpu"))
 
 
-@pytest.mark.parametrize("corner", [(0, 0), (3, 5)])
+@pytest.mark.parametrize("corner", [(0, 0), (4, 8)])
 def test_a_window_shows_what_the_picture_shows(corner: tuple[int, int]) -> None:
-    """Where its look-ups stay inside it."""
+    """Where its look-ups stay inside it, and its cells are cells of the picture."""
     btf = tiny_btf(16)
     settings = NeuBTF(offset=4).settings
     generator = torch.Generator().manual_seed(0)
@@ -114,12 +114,16 @@ def test_a_window_shows_what_the_picture_shows(corner: tuple[int, int]) -> None:
     texels = window.texels((16, 16))
     inner = replace(window, around=(3, 3)).inner(torch.device("cpu"))
     steep = samples.wo[:, 2] > 0.4  # whose look-ups move by less than the margin of 3 texels
-    pair = torch.arange(samples.pairs)[steep][:4].repeat(len(inner) // 4)
+    aslant = torch.arange(samples.pairs)[steep & (samples.wo[:, 2] < 0.9)]
+    pair = aslant[torch.randint(len(aslant), (len(inner),), generator=generator)]
     with torch.no_grad():
         in_window = fitting.rendered(texture[texels], inner, pair, window)
         in_picture = fitting.rendered(texture, texels[inner], pair)
-    torch.testing.assert_close(in_window, in_picture)
-    assert in_window.std() > 1e-3
+        fitting.renderer.offset.gate.zero_()
+        unmoved = fitting.rendered(texture, texels[inner], pair)
+    # Both round uv in their own sides: by some 1e-7, which steep textures and a large last layer amplify.
+    torch.testing.assert_close(in_window, in_picture, rtol=0, atol=1e-3)
+    assert (unmoved - in_picture).abs().mean() > 0.1
 
 
 def test_the_papers_recipe_has_no_offset() -> None:

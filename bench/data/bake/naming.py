@@ -216,7 +216,8 @@ def _second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict[str,
     packed.sort(key=lambda role: role not in by_user)
     separate = [role for role in ("metalness", "roughness", "smoothness") if role in files]
     if packed and packed[0] in by_user:
-        return reasons | dict.fromkeys([role for role in separate + packed[1:] if role not in by_user], _SAME_MAP)
+        recognised = [role for role in (*separate, *packed[1:]) if role not in by_user]
+        return reasons | dict.fromkeys(recognised, _SAME_MAP)
     if "metalness" in separate and len(separate) > 1:
         return reasons | dict.fromkeys(packed, "the folder has separate roughness and metalness")
     return reasons | dict.fromkeys(packed[1:], _SAME_MAP)
