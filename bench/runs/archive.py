@@ -134,7 +134,8 @@ def unpack(path: Path, folder: Path) -> Run:
         for name in files.entries:
             (folder / name).write_bytes(files.read(name))
     except OSError as error:
-        raise InputError(f"{path}: cannot be unpacked to {folder} ({error.strerror}): make room there") from error
+        remedy = f"see that it can be read, and that {folder} has room and can be written"
+        raise InputError(f"{path}: cannot be unpacked ({error.strerror}): {remedy}") from error
     run = records.load_run(folder)
     if run.unreadable:  # numbers of lines
         raise InputError(f"{path}: its records cannot be read (lines {run.unreadable[:5]}): pack the run again")
