@@ -24,12 +24,11 @@ from bench.training import (
     Batch,
     Decoder,
     FromHost,
-    LogLoss,
+    Loss,
     NetworkSettings,
     Objective,
     ParameterGroup,
     Samples,
-    distance,
     first_latents,
     groups_of,
     on_host,
@@ -69,7 +68,7 @@ class StagedSettings(NetworkSettings, RendererSettings):
     rate: Positive = 1e-2  # highest learning rate of the renderer and of the first stage's texture
     encoder_rate: Positive = 2e-3  # highest learning rate of the autoencoder
     encoder_hidden_rate: Positive = 2e-2  # highest learning rate of Muon for the autoencoder's pointwise layers
-    loss: LogLoss = "both"  # of a pixel's log radiance: absolute, squared, or their sum
+    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum; or, not "paper", later as displayed
     pixel: NotNegative = 1.0  # "paper": weight of the pixels' loss
     style: NotNegative = 0.3  # "paper": weight of the difference of Gram matrices
     frequency: NotNegative = 0.05  # "paper": weight of the focal frequency loss
@@ -87,12 +86,14 @@ class StagedSettings(NetworkSettings, RendererSettings):
         return texture_channels(self.latents, self.offset)
 
     def __post_init__(self) -> None:
-        """Raise `InputError` if no steps are left for the last stage, if there is no texture to teach, or for an offset
-        by the paper's recipe."""
+        """Raise `InputError` if no steps are left for the last stage, if there is no texture to teach, or for what the
+        paper's recipe does not have."""
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
             raise InputError("codec neubtf needs direct + taught below 1, and direct above 0 if taught is above 0")
         if self.offset and self.recipe == "paper":
             raise InputError("codec neubtf has no offset by recipe=paper: leave one of the two out")
+        if self.loss == "display" and self.recipe == "paper":
+            raise InputError("codec neubtf has no loss=display by recipe=paper: leave one of the two out")
 
 
 class Example(NamedTuple):
@@ -262,11 +263,11 @@ class Staged(Guided):
         """The loss of the stage to which a step belongs."""
         match self.stage(round(progress * self.settings.steps)):
             case 0:
-                return self._direct(generator)
+                return self._direct(generator, progress)
             case 1:
                 return self._taught(generator)
             case _:
-                return self._guided(generator)
+                return self._guided(generator, progress)
 
     def example(self, smallest: float, generator: torch.Generator) -> Example:
         """A random slice, disturbed, at a scale of at least `smallest`; or the guidance, at its own scale, sometimes in
@@ -295,11 +296,11 @@ class Staged(Guided):
                 picture = self.disturbance.recoloured(picture, generator)
         return Example(window, texels, picture, of_slice)
 
-    def _direct(self, generator: torch.Generator) -> Tensor:
+    def _direct(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of texture and renderer at random samples, without the encoder."""
         batch = self.samples.draw(self.settings.batch, generator)
         rendered = self.rendered(self.texture, batch.texel, batch.pair)
-        return distance(rendered, batch.target, self.settings.loss)
+        return self.distance(rendered, batch.target, batch.pair, progress)
 
     def _taught(self, generator: torch.Generator) -> Tensor:
         """The squared error of the encoder's latents from the fitted texture's, over the deviation of each channel."""
@@ -311,7 +312,7 @@ class Staged(Guided):
         deviation = texture.std(0, correction=0).clamp_min(1e-3)  # (D,), not 0 for a constant channel
         return (error / deviation).square().mean()
 
-    def _guided(self, generator: torch.Generator) -> Tensor:
+    def _guided(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of single random samples of the window, each at a random pair.
 
         A slice would hold thousands of texels, but of one pair only.
@@ -325,7 +326,7 @@ class Staged(Guided):
         pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device, non_blocking=True)
         index, weight = example.window.taps(texel)  # (n, k), of the window's source
         truth = self.averaged(example.texels[index], weight, pair)
-        loss = distance(self.rendered(latents, texel, pair, example.window), truth, self.settings.loss)
+        loss = self.distance(self.rendered(latents, texel, pair, example.window), truth, pair, progress)
         return self.settings.explore_weight * loss if example.of_slice else loss
 
 

@@ -1,4 +1,4 @@
-"""Look-ups that move along the view, in textures that an autoencoder makes."""
+"""The steps of our recipe: look-ups that move along the view, and errors as displayed."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -51,6 +51,13 @@ def answers(codec: NeuBTF, parts: Parts, uv: Tensor) -> Tensor:
     return material.query(uv, VIEW.expand(len(uv), 3), LIGHT.expand(len(uv), 3))
 
 
+def staged(settings: Any, generator: torch.Generator) -> Staged:
+    """The objective of a fit to 16 × 16 texels."""
+    guidance = torch.rand(1, 3, 16, 16, generator=generator)
+    encoder = Encoder.for_guidance(guidance, Autoencoder(settings.channels, generator))
+    return Staged(Samples(tiny_btf(16), 1.0, Fit()), settings, encoder, guidance, generator)
+
+
 def test_the_offset_has_a_grid_of_its_own() -> None:
     codec, parts = fitted()
     assert load_texture("latents", parts.texture).shape == (8, 8, 14)
@@ -99,13 +106,10 @@ def test_grids_that_do_not_fit_are_refused() -> None:
 @pytest.mark.parametrize("corner", [(0, 0), (4, 8)])
 def test_a_window_shows_what_the_picture_shows(corner: tuple[int, int]) -> None:
     """Where its look-ups stay inside it, and its cells are cells of the picture."""
-    btf = tiny_btf(16)
     settings = NeuBTF(offset=4).settings
     generator = torch.Generator().manual_seed(0)
-    samples = Samples(btf, 1.0, Fit())
-    guidance = torch.rand(1, 3, 16, 16, generator=generator)
-    encoder = Encoder.for_guidance(guidance, Autoencoder(settings.channels, generator))
-    fitting = Staged(samples, settings, encoder, guidance, generator)
+    fitting = staged(settings, generator)
+    samples = fitting.samples
     with torch.no_grad():
         fitting.renderer.offset.gate.fill_(1 / 16)  # a texel
         fitting.renderer.decoder.layers[-1].weight.normal_(generator=generator)
@@ -126,9 +130,21 @@ def test_a_window_shows_what_the_picture_shows(corner: tuple[int, int]) -> None:
     assert (unmoved - in_picture).abs().mean() > 0.1
 
 
-def test_the_papers_recipe_has_no_offset() -> None:
-    with pytest.raises(InputError, match="offset"):
-        NeuBTF(recipe="paper", offset=4)
+@pytest.mark.parametrize("settings", [{"offset": 4}, {"loss": "display"}])
+def test_the_papers_recipe_has_nothing_of_others(settings: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=next(iter(settings))):
+        NeuBTF(recipe="paper", **settings)
+
+
+@pytest.mark.parametrize("progress", [0.55, 0.95], ids=["direct", "guided"])
+def test_later_errors_are_those_of_the_display(progress: float) -> None:
+    losses = []
+    for loss in ("both", "display"):
+        fitting = staged(NeuBTF(steps=100, batch=256, loss=loss).settings, torch.Generator().manual_seed(0))
+        losses.append([fitting.loss(torch.Generator().manual_seed(1), at).item() for at in (0.1, progress)])
+    (early, late), (early_display, late_display) = losses
+    assert early_display == early
+    assert late_display != late
 
 
 def test_a_share_of_direct_steps_that_rounds_to_none_leaves_the_renderer_to_the_guided_stage() -> None:
