@@ -12,11 +12,13 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import cycle, islice
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -45,7 +47,7 @@ class Workers:
 
 Seats = Callable[[], AbstractContextManager[Workers]]  # opens the workers of a run, and ends them
 TELL_EVERY = 0.2  # seconds between two messages of a worker about its progress
-_progress_pipes: list[Connection] = []  # in a worker process: the one into which it tells its progress
+_pipes: list[Connection] = []  # in a worker process: the one to the process that started it
 _last_told: dict[str, float] = {}  # when it last told the progress of each label
 
 
@@ -135,15 +137,14 @@ class InProcess(Executor):
 
 
 class _Worker(NamedTuple):
-    """A worker process of this machine: its pool, of this process alone, and this side's ends of two pipes."""
+    """A worker process of this machine, and this process's end of the pipe between both."""
 
-    pool: ProcessPoolExecutor
-    leash: Connection  # the process ends when this end is closed
-    told: Connection  # a copy of the end into which the process tells its progress; closed once it has its own
+    process: BaseProcess
+    pipe: Connection
 
 
 class Processes(Executor):
-    """Worker processes, each in its own pool: a process that dies loses only its own job, and is replaced.
+    """Worker processes: one that dies loses only its own job, and is replaced.
 
     `submit` waits until a worker is free. A worker ends when this process does, however that ends.
     """
@@ -156,112 +157,89 @@ class Processes(Executor):
         self.limit = limit
         self.show: Show = _show_nothing
         self.workers: dict[int, _Worker] = {}  # by seat, the place of a worker
-        self.watchers = ThreadPoolExecutor(count)
+        self.callers = ThreadPoolExecutor(count)  # a thread for each job, which waits for its answer
         self.free: queue.SimpleQueue[int] = queue.SimpleQueue()  # seats without a job
         for seat in range(count):
             self.free.put(seat)
 
     def show_with(self, show: Show) -> None:
-        """Show the progress of jobs in workers that start from now on; calls come from other threads."""
+        """Show the progress of jobs that start from now on; calls come from other threads."""
         self.show = show
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Call a function in the first worker that is free, which is started if it has no process."""
         seat = self.free.get()  # waits for one
-        try:
-            process, job = self._begin(seat, fn, *args, **kwargs)
-        except BrokenProcessPool:  # its process died after its last job, as by the kernel that needed memory
-            self._end(seat, wait=False)
-            process, job = self._begin(seat, fn, *args, **kwargs)
-        return self.watchers.submit(self._watch, seat, process, job, self.workers[seat].told)
+        if seat in self.workers and not self.workers[seat].process.is_alive():
+            self._end(seat)  # its process died after its last job, as by the kernel that needed memory
+        if seat not in self.workers:
+            self.workers[seat] = self._started(seat)
+        return self.callers.submit(self._call, seat, self.workers[seat], partial(fn, *args, **kwargs))
 
-    def _begin(self, seat: int, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> tuple[Future[int], Future[T]]:
-        """Give a job to the worker of a seat; returns what `_watch` waits for: `process` and `job`.
-
-        Raises `BrokenProcessPool` if the worker's process has died.
-        """
-        if seat not in self.workers:  # it had no job yet, or its process was ended
-            self._start(seat)
-        pool = self.workers[seat].pool
+    def _started(self, seat: int) -> _Worker:
+        """A worker for a seat, whose process starts."""
+        context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
+        ours, theirs = context.Pipe()
+        gpu_variables = self.gpus[seat] if self.gpus else {}
+        process = context.Process(target=_serve, args=(theirs, self.threads, gpu_variables))
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
         with handling(signal.SIGINT, signal.SIG_IGN), _main_hidden():
-            process = pool.submit(os.getpid)  # its answer says that the process has started
-            return process, pool.submit(fn, *args, **kwargs)
+            process.start()
+        theirs.close()  # the process has its own copy: when it ends, nobody holds this end
+        return _Worker(process, ours)
 
-    def _start(self, seat: int) -> None:
-        """Make the worker of a seat, whose process starts with its first job, and a thread that shows what the process
-        tells of its progress."""
-        context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
-        theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
-        heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
-        gpu_variables = self.gpus[seat] if self.gpus else {}
-        pool = ProcessPoolExecutor(1, context, _prepare_worker, (self.threads, gpu_variables, theirs, told))
-        self.workers[seat] = _Worker(pool, leash, told)
-        threading.Thread(target=_show_progress_of_worker, args=(heard, self.show), daemon=True).start()
+    def _call(self, seat: int, worker: _Worker, call: Callable[[], T]) -> T:
+        """Have a worker make a call, in a thread of `callers`, and free its seat.
 
-    def _watch(self, seat: int, process: Future[int], job: Future[T], told: Connection) -> T:
-        """Wait for the result of a job, in a thread of `watchers`, and free the seat.
-
-        `process` answers with the number of the worker's process once that has started; `told` is this process's copy
-        of the pipe for progress. If the job raises an error, dies with its process or takes too long, its process is
-        ended. Raises the job's error, `BrokenProcessPool` with how the process ended, or `OutOfTimeError`.
+        If the call raises an error, dies with its process or takes too long, the process is ended. Raises the call's
+        error, `BrokenProcessPool` with how the process ended, or `OutOfTimeError`.
         """
-        worker_process = None
         try:
-            number = process.result()  # the time to start the process does not count
-            worker_process = self._process(seat)
-            told.close()  # the process has its own copy: when it ends, nobody holds this end
-            return self._result_in_time(job, number)
-        except CancelledError as error:  # the run ended before the process had started
-            raise BrokenProcessPool("the worker was ended") from error
-        except BrokenProcessPool as error:
-            self._end(seat, wait=False)
-            raise BrokenProcessPool(_ending_in_words(worker_process)) from error
+            return self._answer(worker, call)
         except BaseException:
-            self._end(seat, wait=False)
+            self._end(seat)
             raise
         finally:
             self.free.put(seat)
 
-    def _result_in_time(self, job: Future[T], number: int) -> T:
-        """Wait for the result of a job, which runs in the process of that number.
+    def _answer(self, worker: _Worker, call: Callable[[], T]) -> T:
+        """What a call gives in a worker, or raises there; shows what it tells of its progress meanwhile."""
+        from bench.codec import ended_bars  # here: a worker imports this module before it may import PyTorch
 
-        If it takes longer than the limit, the process is killed. Raises the job's error, or `OutOfTimeError`.
-        """
-        try:
-            return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
-        except TimeoutError:
-            if job.done():  # the job itself raised it
-                raise
-            with suppress(ProcessLookupError):
-                os.kill(number, signal.SIGKILL)
-            raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)") from None
+        left: float | None = None  # seconds; the time to start the process does not count
+        with ended_bars(self.show) as show:
+            _heard(worker, lambda: worker.pipe.send(call))
+            while True:
+                waited_from = time.monotonic()
+                if not _heard(worker, partial(worker.pipe.poll, left)):
+                    raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)")
+                if left is not None:
+                    left = max(0.0, left - (time.monotonic() - waited_from))
+                kind, value = _heard(worker, worker.pipe.recv)
+                match kind:
+                    case "begun":
+                        left = self.limit
+                    case "progress":
+                        show(*value)
+                    case "error":
+                        raise value
+                    case _:
+                        return value
 
-    def _process(self, seat: int) -> BaseProcess | None:
-        """The process of a seat's worker; None if it has none. It is asked for while it lives, because a pool forgets a
-        process that died, and with it how it died."""
-        if seat not in self.workers:
-            return None
-        pool = self.workers[seat].pool
-        started = getattr(pool, "_processes", None)  # processes by number; the pool has no public list of them
-        if not started:
-            return None
-        return next(iter(started.values()), None)  # it may end at this moment, and leave the dictionary empty
-
-    def _end(self, seat: int, wait: bool) -> None:
+    def _end(self, seat: int) -> None:
         """End the worker of a seat, if it has one."""
-        if seat not in self.workers:
-            return
-        worker = self.workers.pop(seat)
-        worker.leash.close()
-        worker.told.close()
-        worker.pool.shutdown(wait, cancel_futures=True)
+        worker = self.workers.pop(seat, None)
+        if worker is not None:
+            worker.process.kill()
+            worker.process.join()
+            worker.pipe.close()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End every worker, even one that runs a job."""
+        for worker in list(self.workers.values()):
+            worker.process.kill()
+        self.callers.shutdown(wait)  # whose jobs end with their workers
         for seat in list(self.workers):
-            self._end(seat, wait)
-        self.watchers.shutdown(wait)
+            self._end(seat)
 
 
 @contextmanager
@@ -282,15 +260,42 @@ def _main_hidden() -> Iterator[None]:
             main["__file__"] = path
 
 
-def _ending_in_words(worker: BaseProcess | None) -> str:
-    """How a worker process ended, in words."""
-    if worker is None:
-        return "it could not be started"
-    worker.join(1.0)  # seconds: it has ended already, and is collected so that its exit code is known
-    code = worker.exitcode  # a negative one is the number of a signal
-    if code is None or code >= 0:
-        return f"exit code {code}"
-    return f"killed by {signal.Signals(-code).name}"
+def _heard(worker: _Worker, use: Callable[[], T]) -> T:
+    """What a use of a worker's pipe gives. Raises `BrokenProcessPool`, which says how the process ended, if it did."""
+    try:
+        return use()
+    except (EOFError, OSError) as error:
+        worker.process.join(1.0)  # seconds: it has ended already, and is collected so that its exit code is known
+        code = worker.process.exitcode  # a negative one is the number of a signal
+        ending = f"exit code {code}" if code is None or code >= 0 else f"killed by {signal.Signals(-code).name}"
+        raise BrokenProcessPool(ending) from error
+
+
+def _serve(pipe: Connection, threads: int, gpu: dict[str, str]) -> None:
+    """The life of a worker process: make the calls that come through the pipe, and send what they give.
+
+    Sets environment variables before NumPy and PyTorch are imported and read them. `gpu` is the one that gives the
+    process its GPU, by name and value; empty without a GPU.
+    """
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)) | gpu)
+    _pipes.append(pipe)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    while True:
+        call = pipe.recv()
+        pipe.send(("begun", None))
+        try:
+            pipe.send(("answer", call()))
+        except BaseException as error:  # of the call, or of an answer that cannot be sent
+            error.add_note("".join(traceback.format_exception(error)))
+            pipe.send(("error", error))
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that started it ends, however that ends."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def tell(label: str, done: int, total: int) -> None:
@@ -298,7 +303,7 @@ def tell(label: str, done: int, total: int) -> None:
 
     The first and the last step are told in any case, steps between them at most every `TELL_EVERY` seconds.
     """
-    if not _progress_pipes:  # this process is no worker that was started here
+    if not _pipes:  # this process is no worker that was started here
         return
     now = time.monotonic()
     told_lately = now - _last_told.get(label, -math.inf) < TELL_EVERY
@@ -306,40 +311,11 @@ def tell(label: str, done: int, total: int) -> None:
         return
     _last_told[label] = now
     with suppress(OSError):  # the other process has ended
-        _progress_pipes[0].send((label, done, total))
-
-
-def _show_progress_of_worker(connection: Connection, show: Show) -> None:
-    """Show what a worker tells, tuples of label, done and total, until the worker ends."""
-    from bench.codec import ended_bars  # here: a worker imports this module before it may import PyTorch
-
-    with suppress(EOFError, OSError), ended_bars(show) as show_in_bars:
-        while True:
-            label, done, total = connection.recv()
-            show_in_bars(label, done, total)
+        _pipes[0].send(("progress", (label, done, total)))
 
 
 def _show_nothing(label: str, done: int, total: int) -> None:
     """A `Show` that shows nothing."""
-
-
-def _prepare_worker(threads: int, gpu: dict[str, str], leash: Connection, told: Connection) -> None:
-    """Prepare a worker process, before its first job; also starts the thread that ends it with its parent.
-
-    Sets environment variables before NumPy and PyTorch are imported and read them. `gpu` is the one that gives the
-    process its GPU, by name and value; empty without a GPU.
-    """
-    os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)) | gpu)
-    _progress_pipes.append(told)
-
-    def end_with_parent() -> None:
-        """End this process when the parent closes its end of the pipe, or dies."""
-        try:
-            leash.poll(None)  # returns at the end of the pipe, since nothing is ever sent
-        finally:
-            os._exit(1)
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 def _gpu_variables(count: int, device: str) -> list[dict[str, str]]:
