@@ -4,11 +4,13 @@ A file is written under a temporary name beside its own, and then renamed, which
 """
 
 import fcntl
+import logging
 import os
 import secrets
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +18,8 @@ from bench.inputs.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
+
+log = logging.getLogger(__name__)
 
 SUFFIX = ".partial"  # of temporary names
 PNG = b"\x89PNG\r\n\x1a\n"  # how such a picture begins
@@ -129,14 +133,23 @@ def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
 def locked(path: Path) -> Iterator[None]:
     """Hold a lock while making `path`; other processes wait here, and should then check again whether it exists.
 
-    The lock is a file beside `path`, removed at the end. On a file system without locks several processes may make the
-    file at once; each writes it completely.
+    On a file system without locks several processes may make the file at once; each writes it completely.
     """
-    make_folder(path.parent)
-    lock = path.with_name(path.name + ".lock")
-    file = _open_locked(lock)
-    try:
+    with holding(path.with_name(path.name + ".lock")):
         yield
+
+
+@contextmanager
+def holding(lock: Path, wait: bool = True) -> Iterator[int]:
+    """Lock a file, which is made in its folder and removed at the end; yields its descriptor.
+
+    The system frees the lock when the process ends, for whatever reason. If another process holds it, this one waits;
+    without `wait` it raises `BlockingIOError`. On a file system without locks nothing is locked.
+    """
+    make_folder(lock.parent)
+    file = _open_locked(lock, wait)
+    try:
+        yield file
     finally:
         # Removed while it is still held: once it is closed, the file may be another process's lock.
         lock.unlink(missing_ok=True)
@@ -152,30 +165,33 @@ def make_once(path: Path, make: Callable[[], None]) -> None:
             make()
 
 
-def _open_locked(path: Path) -> int:
-    """Open and lock the file of that name, and return its descriptor; waits for another process that holds the lock.
+def _open_locked(path: Path, wait: bool) -> int:
+    """The descriptor of the file of that name, opened and locked as `holding` says.
 
-    If that process removed the file meanwhile, the lock held is that of a file without a name: a new one is opened.
+    If another process removed the file meanwhile, the lock is that of a file without a name: a new one is opened.
     """
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(file, fcntl.LOCK_EX)
-            if is_still(file, path):
-                return file
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise
+            except OSError:
+                _warn_without_locks(path.parent)
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(file), os.stat(path)):
+                    return file
         except BaseException:  # also when the user interrupts the wait
             os.close(file)
             raise
         os.close(file)
 
 
-def is_still(file: int, path: Path) -> bool:
-    """Whether an open file, given by its descriptor, is still the file at `path`: not removed or replaced."""
-    try:
-        return os.path.samestat(os.fstat(file), os.stat(path))
-    except FileNotFoundError:
-        return False
+@cache
+def _warn_without_locks(folder: Path) -> None:
+    """Warn, once for each folder, that its file system has no locks."""
+    log.warning("%s: its file system has no locks: let only one process at a time work there", folder)
 
 
 def cache_dir() -> Path:

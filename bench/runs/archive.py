@@ -25,7 +25,6 @@ from bench.codecs import container, loading, shared
 from bench.codecs.container import Header
 from bench.codecs.registry import COMMAND, UNLABELLED, codec_entries, make_codec
 from bench.data.kinds import kind_of
-from bench.data.open import draw_of
 from bench.data.spec import MaterialSpec, Preparation
 from bench.files import atomic
 from bench.files.archive import ZipFiles, inside
@@ -56,13 +55,12 @@ from bench.runs.workbench import Opening, Workbench, open_workbench
 MOST_BYTES = 4 << 30
 LEAST_BYTES = 256 << 20
 RATIO = 64
-MOST_BAKED = 4 << 30  # bytes of radiance that an archive may make us bake, before we know whether its data are the same
+MOST_RENDERED = 4 << 30  # bytes of radiance that an archive may make us render, of each material
 # The largest change by rounding on another processor: of PSNR in dB, and of other numbers as a share.
 DECIBELS = 0.01
 RELATIVE = 1e-3
 MOST_REASONS = 4  # that a verdict lists
 _STARTED = ("kind", "run", "suite", "data", "materials", "jobs")  # fields taken from the start of a submitted run
-_OTHER_DATA = "the data of {} here differ from the submitted data"
 AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 
@@ -192,8 +190,8 @@ def _verdict_on_job(
 ) -> Verified:
     """The verdict on one job of an archive that is unpacked in `folder`; `start` is the one that measured it.
 
-    A job is scored only if it has a result, its codec is installed, and its data can be the submitted data. Otherwise
-    it is `NOT_VERIFIED`, and its file is not decoded.
+    A job is scored only if it has a result, its codec is installed, and its data are the submitted data. Otherwise it
+    is `NOT_VERIFIED`, and its file is not decoded.
     """
     name = job["job"]
     if job["status"] != "ok":
@@ -207,13 +205,14 @@ def _verdict_on_job(
         return Verified(name, NOT_VERIFIED, "its record has no scores to compare")
     spec = _material_here(job, start, places)
     data = table(f"data of {name}", Preparation, start.get("data"))
-    obstacle = _obstacle_of_data(job, spec, data)  # "" if the data may be prepared
-    if obstacle:
-        return Verified(name, NOT_VERIFIED, obstacle)
+    if kind_of(spec).drawn and data.bytes_rendered > MOST_RENDERED:  # what has drawn pairs is rendered
+        size = f"{data.bytes_rendered >> 30} GiB of {spec.name}, and an archive may ask for {MOST_RENDERED >> 30}"
+        why = f"{folder}: {name} would render {size}: run its suite here, and compare both"
+        return Verified(name, NOT_VERIFIED, why)
     metrics = tuple(job["score_key"]["metrics"])
     with open_workbench(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:
-            return Verified(name, NOT_VERIFIED, _OTHER_DATA.format(spec.name))
+            return Verified(name, NOT_VERIFIED, f"the data of {spec.name} here differ from the submitted data")
         return _verdict_by_scoring(job, workbench, folder, out, show, data.split)
 
 
@@ -237,23 +236,6 @@ def _material_here(job: Job, start: RunStart, places: Mapping[str, str]) -> Mate
     if root is None or Path(spec.path).is_absolute():
         raise InputError(f"the archive may not choose the path {spec.path} of {spec.name}: {remedy}")
     return dataclasses.replace(spec, path=str(Path(root) / inside(spec.path, f"the data of {spec.name}")))
-
-
-def _obstacle_of_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
-    """Why the data of a job are not to be prepared, in words; "" if they may be.
-
-    Preparing data, by rendering or reading all their slices, takes long. So this asks first whether they can be the
-    submitted data. Where only the prepared data tell, it refuses those that are too large to be made on trust.
-    """
-    kind = kind_of(spec)
-    # What identifies the data; None for a kind of material whose data must be made first.
-    outline = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))
-    if outline is not None:
-        return "" if outline.fingerprint == job["score_key"]["btf"] else _OTHER_DATA.format(spec.name)
-    needed = kind.bytes_made(spec, data)
-    if needed > MOST_BAKED:
-        return f"baking {spec.name} would need {needed >> 30} GiB"
-    return ""
 
 
 def _verdict_by_scoring(

@@ -7,6 +7,7 @@ records, under the lock of the run's folder. `bench.runs.job` runs a job and dec
 
 import dataclasses
 import logging
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
@@ -30,7 +31,6 @@ from bench.machine.threads import cores
 from bench.material import Material
 from bench.records import Job, Timing
 from bench.runs import lock
-from bench.runs.estimate import Effort, Estimate
 from bench.runs.evaluation import material_of_job
 from bench.runs.executors import Seats, Workers, in_process, processes, tell
 from bench.runs.job import FRESH_STATE, STATE, Outcome, error_with_origin, failed_outcome, work
@@ -202,23 +202,26 @@ class _Session:
 
     def jobs(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """Run the jobs; records and yields the outcome of each as it ends. `faults`: see `_make_codecs`."""
-        recorded_jobs = [task.name for task in self.tasks if task.earlier]  # whose records may still hold
-        efforts = {task.name: Effort.of(task.codec) for task in self.tasks}
-        estimate = Estimate(efforts, recorded_jobs, min(self.workers.at_once, cores()))
-        self.options.say(estimate.first_message)
-        self.options.show("jobs", 0, len(self.tasks))
+        total = len(self.tasks)
+        waiting = {task.name for task in self.tasks}
+        recorded = {task.name for task in self.tasks if task.earlier}  # whose records may still hold, in no time
+        self.options.say(f"{len(recorded)} of {total} jobs are recorded: {len(waiting - recorded)} left")
+        self.options.show("jobs", 0, total)
+        at_once = min(self.workers.at_once, cores())
+        start = time.monotonic()
+        fitted = 0
         for count, outcome in enumerate(self._outcomes(faults), 1):
             if outcome.cached != "record":
                 records.append(self.options.folder, outcome.record)
             if outcome.record["status"] == "ok":
                 self.done[outcome.record["job"]] = outcome.record
-            estimate.count_ended(outcome.record, outcome.cached)
-            label = "jobs"
-            time_left = estimate.time_left  # "" while it cannot be told
-            if time_left:
-                label += f"{REMARK}{time_left}"
-            self.options.show(label, count, len(self.tasks))
-            yield dataclasses.replace(outcome, progress=estimate.progress)
+                fitted += not outcome.cached
+            waiting.discard(outcome.record["job"])
+            if outcome.cached != "record" and outcome.record["job"] in recorded:
+                recorded = set()  # code or data changed since, so the other records will not hold either
+            left = _time_left(time.monotonic() - start, fitted, len(waiting - recorded), at_once)
+            self.options.show(f"jobs{REMARK}{left}" if left else "jobs", count, total)
+            yield dataclasses.replace(outcome, progress=f"{count} of {total} jobs" + (f", {left}" if left else ""))
 
     def _outcomes(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """The outcome of each job as it ends; first of those whose codec could not be made."""
@@ -264,6 +267,17 @@ class _Session:
     def _show_timing(self, material: str, label: str, done: int, total: int) -> None:
         """Show the progress of timing, with the name of the material before the label."""
         self.options.show(f"{material}: {label}", done, total)
+
+
+def _time_left(seconds: float, fitted: int, left: int, at_once: int) -> str:
+    """About how long the jobs that are `left` take, in words; "" while none is fitted, and after the last one.
+
+    In `seconds` so many were fitted, `at_once` side by side: when the first of these has ended, so have most others.
+    """
+    if not fitted or not left:
+        return ""
+    minutes = max(1, round(seconds / max(fitted, at_once) * left / 60))
+    return f"about {minutes} min left" if minutes < 100 else f"about {minutes / 60:.0f} h left"
 
 
 def _with_absolute_path(material: MaterialSpec) -> MaterialSpec:

@@ -31,7 +31,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     help_of_map = "say which file a map is, whatever its name: albedo, normal_gl, roughness, … (repeatable)"
     add("--map", action="append", default=[], metavar="MAP=FILE", help=help_of_map)
     add("--seed", type=seed_option, default=0, help="seed of the held-out pairs and of Mitsuba's paths (default: 0)")
-    help_of_renderer = "builtin: direct light (default); mitsuba: paths with inter-reflections, resumes after a kill"
+    help_of_renderer = "builtin: direct light (default); mitsuba: paths with inter-reflections"
     add("--renderer", default="builtin", choices=["builtin", "mitsuba"], help=help_of_renderer)
     add("-o", "--out", type=Path, required=True, help="the .npz file, or the folder of EXR pictures, to write")
 

@@ -1,10 +1,10 @@
 """pick the codec and settings that meet a wish for quality, bytes or time
 
 If no measured setting meets the wish, and some settings of the suite are not measured yet, the command first fits and
-measures these. It says how many, and about how long it takes once one fit of each codec is done. Validation pairs
-decide, test pairs are only shown; with --scene the frames of a scene decide, whose truth is interpolated between
-training pairs. If none meets the wishes, it says which of them the nearest one misses. `--json` writes the chosen
-setting, or the nearest one, and which of `size`, `time`, `score` and `gpu` it has `missed`.
+measures these. It says how many, and after each fit about how long the others take. Validation pairs decide, test
+pairs are only shown; with --scene the frames of a scene decide, whose truth is interpolated between training pairs. If
+none meets the wishes, it says which of them the nearest one misses. `--json` writes the chosen setting, or the nearest
+one, and which of `size`, `time`, `score` and `gpu` it has `missed`.
 
 examples:
   neubtf-bench choose satin --min-psnr 30

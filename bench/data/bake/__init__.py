@@ -11,10 +11,8 @@ A *provenance* is what a BTF says of how its values were made; it is stored in t
 import hashlib
 import json
 import logging
-import shutil
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
@@ -54,52 +52,12 @@ class PathTracer(Protocol):
         """Describe the renderer for a BTF's provenance."""
 
     def launches(
-        self, maps: Maps, wo: Array, wi: Array, size: tuple[int, int], sub_points: int, seed: int, *, start: int
+        self, maps: Maps, wo: Array, wi: Array, size: tuple[int, int], sub_points: int, seed: int
     ) -> Iterator[Array]:
-        """Yield the slices of the pairs wo, wi (N, 3) in order, from pair `start` on, an array (n, H, W, 3) a launch.
+        """Yield the slices of the pairs wo, wi (N, 3) in order, an array (n, H, W, 3) a launch.
 
         `size` is (H, W), and each texel the mean of sub_points² points, whose random numbers `seed` determines.
         """
-
-
-class UnfinishedBake:
-    """The slices (N, H, W, 3) float32 of an unfinished bake, in a hidden folder beside its result `out`.
-
-    The first `done` of them are finished; a bake that was interrupted resumes from these.
-    """
-
-    def __init__(self, out: Path, key: str, shape: tuple[int, int, int, int]):
-        """Find the slices that an interrupted bake left, or make room on disk for all of them.
-
-        `key` is made from everything that determines the values; slices under another key are not used.
-        """
-        self.out = out
-        digest = hashlib.sha256(key.encode()).hexdigest()
-        self.folder = out.with_name(f".{out.name}.{digest[:16]}.baking")
-        atomic.make_folder(self.folder)
-        path = self.folder / "values.npy"
-        self.done = 0
-        with suppress(OSError, ValueError):  # no slice was finished, or the number was cut off: begin anew
-            if path.exists():
-                self.done = int((self.folder / "finished").read_text())
-        if not self.done:
-            # By a rename, so that a file of that name is always whole.
-            with atomic.replacing(path) as fresh:
-                atomic.mapped(fresh, np.float32, shape)
-        self.values = np.lib.format.open_memmap(path, "r+")
-
-    def add(self, slices: Array) -> None:
-        """Keep the next slices (n, H, W, 3); they are on disk before they count."""
-        self.values[self.done : self.done + len(slices)] = slices
-        self.values.flush()
-        self.done += len(slices)
-        atomic.write(self.folder / "finished", str(self.done).encode())
-
-    def remove(self) -> None:
-        """Remove the folder, and those that bakes with other settings left for the same `out`."""
-        for folder in self.out.parent.iterdir():
-            if folder.name.startswith(f".{self.out.name}.") and folder.suffix == ".baking":
-                shutil.rmtree(folder, ignore_errors=True)
 
 
 def bake(
@@ -109,8 +67,7 @@ def bake(
 
     Pairs are those of the built-in materials (`bench.data.spec`): a product, then held-out pairs, drawn by `seed`.
     Values are linear Rec. 709 f_r · cos θ_i. `show` is told how many pairs are rendered. The result appears under its
-    name when it is complete. If a path tracer is killed, its finished slices stay beside `out`, and the same call
-    resumes from them. Raises `InputError` if `out` cannot be written or counts are out of range.
+    name when it is complete. Raises `InputError` if `out` cannot be written or counts are out of range.
     """
     check_place(out)
     wo, wi = data.all_pairs(surface.name, seed)
@@ -143,42 +100,20 @@ def _render_to(
     provenance |= DESCRIBED | pair_notes
     if path_tracer:
         provenance |= path_tracer.provenance()
-    values_shape = (len(wo), *surface.shape, 3)
-
-    def write(values: Array) -> None:
-        """Write the slices (N, H, W, 3) with their provenance."""
+    # The slices go to a file that is removed at the end, also after an error.
+    with atomic.temporary(out) as scratch:
+        values = atomic.mapped(scratch, np.float32, (len(wo), *surface.shape, 3))
+        if path_tracer:
+            done = 0
+            show(label, done, len(wo))
+            for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed):
+                values[done : done + len(slices)] = slices
+                done += len(slices)
+                show(label, done, len(wo))
+        else:
+            render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, show, label)
         source = ArraySource(values)
         write_btf(BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=provenance), out)
-
-    # A path tracer takes long, so its finished slices are kept for the case that it is stopped.
-    if path_tracer:
-        unfinished = UnfinishedBake(out, _values_key(surface, wo, wi, provenance), values_shape)
-        start = unfinished.done
-        show(label, start, len(wo))
-        for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=start):
-            unfinished.add(slices)
-            show(label, unfinished.done, len(wo))
-        write(unfinished.values)
-        unfinished.remove()
-        return
-    # The built-in renderer begins anew: its slices go to a file that is removed at the end, also after an error.
-    with atomic.temporary(out) as scratch:
-        values = atomic.mapped(scratch, np.float32, values_shape)
-        render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, show, label)
-        write(values)
-
-
-def _values_key(surface: Surface, wo: Array, wi: Array, provenance: dict[str, Any]) -> str:
-    """A hash (hexadecimal) of everything that determines the values of a surface at the pairs wo, wi (N, 3)."""
-    digest = hashlib.sha256(json.dumps(provenance, sort_keys=True, default=str).encode())
-    arrays = [wo, wi]
-    for field in fields(surface.maps):
-        picture = getattr(surface.maps, field.name)
-        if picture is not None:  # normals and aspect may be missing
-            arrays.append(np.asarray(picture))
-    for array in arrays:
-        digest.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
 
 
 def open_svbrdf(
@@ -186,8 +121,7 @@ def open_svbrdf(
 ) -> BTF:
     """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` selects its test pairs.
 
-    If a path tracer is killed, its finished slices stay beside the files, and the next call resumes from them. Raises
-    `InputError` for maps that cannot be recognised or read, and for counts out of range.
+    Raises `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
     name = folder.resolve().name  # `.` has no name of its own
     map_files = recognise(folder)
@@ -216,7 +150,7 @@ def open_svbrdf(
             # `joined` marks the held-out pairs.
             _render_to(path, surface, pair_table.pairs, None, pair_notes, show, seed=0, path_tracer=path_tracer)
 
-        atomic.make_once(path, make)  # two processes must not both resume from the slices of a killed one
+        atomic.make_once(path, make)
         return replace(open_btf(path), name=name)  # a reader names it by the file in the cache
 
     return joined(data.tables(name, seed=0, draw=draw), cached)

@@ -76,21 +76,6 @@ class Kind(ABC):
         """
         return ""
 
-    def outline(self, spec: MaterialSpec, data: Preparation, draw: int) -> "BTF | None":
-        """The BTF that `open` gives, with zeros for its values but the same fingerprint.
-
-        It is compared with a claim before anything is rendered. None for a kind that must first make or read the values
-        to know their fingerprint.
-        """
-        return None
-
-    def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
-        """The bytes of the radiance that opening it computes, as float32; 0 if it only reads radiance.
-
-        It is asked only of a kind that gives no `outline`.
-        """
-        return 0
-
     def needs_a_run(self, data: Preparation) -> bool:
         """Whether only a run can open it as `data` says, no other command."""
         return False

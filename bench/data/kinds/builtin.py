@@ -32,13 +32,6 @@ class BuiltIn(Kind):
 
         return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
 
-    def outline(self, spec: MaterialSpec, data: Preparation, draw: int) -> BTF | None:
-        """The rendering with zeros for its values, because its recipe alone determines the fingerprint."""
-        from bench.data.materials import recipe
-        from bench.data.materials.store import outline
-
-        return outline(spec.name, recipe(spec.name), data, draw)
-
     def ignores(self, spec: MaterialSpec, key: str) -> str:
         if key == "data.renderer":
             return f"mitsuba bakes only folders of maps, and {spec.name} is built in: leave it out"

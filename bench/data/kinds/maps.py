@@ -42,9 +42,6 @@ class PbrMaps(Kind):
     def ignores(self, spec: MaterialSpec, key: str) -> str:
         return no_such_setting(spec, "rendered", key, OF_MEASURED)
 
-    def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
-        return data.bytes_rendered
-
     def needs_a_run(self, data: Preparation) -> bool:
         return data.renderer == "mitsuba"
 

@@ -9,7 +9,6 @@ between texels), so that another draw of test pairs renders only its tables agai
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,47 +46,28 @@ def load_or_render(
 
     `seed` is that of the random structure and of the held-out pairs, `draw` numbers the draw of test pairs.
     """
-
-    def stored(path: Path, shape: tuple[int, ...], table: Table, described: dict[str, Any]) -> Array:
-        """The values of a table, rendered into the cache if they are not there."""
-        values = _read(path, shape)
-        if values is not None:
-            return values
-        with atomic.locked(path):
-            values = _read(path, shape)  # another process may have rendered it meanwhile
-            if values is None:
-                _write(path, recipe.maps(seed), table, described, show)
-                values = _read(path, shape)
-        if values is None:
-            raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
-        return values
-
-    return _of_tables(name, recipe, data, seed, draw, stored)
-
-
-def outline(name: str, recipe: Recipe, data: Preparation, draw: int) -> BTF:
-    """The BTF that `load_or_render` gives, with its fingerprint, but with 0 for every value: nothing is rendered."""
-    # One value, seen as an array of that shape, takes no memory.
-    return _of_tables(name, recipe, data, 0, draw, lambda path, shape, *_: np.broadcast_to(np.float16(0), shape))
-
-
-def _of_tables(
-    name: str, recipe: Recipe, data: Preparation, seed: int, draw: int, values_of: Callable[..., Array]
-) -> BTF:
-    """The BTF of all tables of a recipe. `values_of` gives the values of one, (N, H, W, 3): its arguments are the
-    table's file, the shape of the values, the table, and everything that determines them by name."""
     if data.size < 1:
         raise InputError(f"size must be at least 1, not {data.size}")
     directions: dict[str, Any] = {"directions": data.directions, "views": data.views, "lights": data.lights}
 
     def of_table(table: Table) -> BTF:
+        """The rendering of a table."""
         described = _described(name, recipe, seed, data.size)
         # A table of held-out pairs is described in words, the product by its directions.
         described |= {"heldout": table.words} if table.words else directions
         key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npy"
         wo, wi = table.pairs
-        values = values_of(path, (len(wo), data.size, data.size, 3), table, described)
+        shape = (len(wo), data.size, data.size, 3)
+        values = _read(path, shape)
+        if values is None:
+            with atomic.locked(path):
+                values = _read(path, shape)  # another process may have rendered it meanwhile
+                if values is None:
+                    _write(path, recipe.maps(seed), table, described, show)
+                    values = _read(path, shape)
+        if values is None:
+            raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
         no_heldout = np.zeros(len(values), bool)  # `joined` marks the held-out pairs
         return BTF(name, wo, wi, StoredSource(values, key), heldout=no_heldout, periodic=True, provenance=described)
 

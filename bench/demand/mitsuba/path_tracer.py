@@ -79,9 +79,8 @@ def launches(
     sub_points: int = 2,
     seed: int = 0,
     depth: int = MAX_DEPTH,
-    start: int = 0,
 ) -> Iterator[Array]:
-    """Slices (n, H, W, 3) float32 of a surface at N pairs, one launch at a time, from pair `start` on.
+    """Slices (n, H, W, 3) float32 of a surface at N pairs, one launch at a time.
 
     They are linear Rec. 709 f_r · cos θ_i with inter-reflections. `wo` and `wi` are (N, 3) unit vectors with z > 0;
     `size` is (H, W), rows at the top first; `depth` counts the edges of a path (2: direct light alone). The same seed
@@ -92,7 +91,7 @@ def launches(
         raise InputError("wo and wi must have the same number of directions, all above the horizon (z > 0)")
     with using(fastest_variant()):
         tracer = PathTracer(maps, size, sub_points, float(wo[:, 2].min()), float(wi[:, 2].min()), seed)
-        for first in range(start, len(wo), tracer.pairs_a_launch):
+        for first in range(0, len(wo), tracer.pairs_a_launch):
             chosen = slice(first, first + tracer.pairs_a_launch)
             yield tracer.slices(wo[chosen], wi[chosen], depth)
 

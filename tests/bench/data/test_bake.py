@@ -1,9 +1,7 @@
-import errno
 import os
 import re
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import Mock
 
 import numpy as np
 import OpenEXR
@@ -15,7 +13,7 @@ from bench import cli
 from bench.btf import box_filter
 from bench.cli.console import btf_lines
 from bench.codec import silent
-from bench.data.bake import UnfinishedBake, bake, looks_like_maps, open_svbrdf, read_surface, recognise
+from bench.data.bake import bake, looks_like_maps, open_svbrdf, read_surface, recognise
 from bench.data.bake.surface import SUB_POINTS
 from bench.data.described import btf_fields
 from bench.data.materials.renderer import render
@@ -457,19 +455,6 @@ def test_a_baked_file_opens_again_and_equals_what_was_rendered(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} <= {"m", "m.npz", "cache"}
 
 
-def test_what_is_finished_is_counted_in_one_move_and_leaves_no_temporary(tmp_path, monkeypatch):
-    grown = UnfinishedBake(tmp_path / "a.npz", "key", (3, 2, 2, 3))
-    grown.add(np.ones((2, 2, 2, 3), np.float32))
-    monkeypatch.setattr(os, "replace", Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
-    with pytest.raises(OSError, match="No space"):
-        grown.add(np.ones((1, 2, 2, 3), np.float32))
-    assert {path.name for path in grown.folder.iterdir()} == {"values.npy", "finished"}
-    again = UnfinishedBake(tmp_path / "a.npz", "key", (3, 2, 2, 3))
-    assert (again.done, again.values[:2].min()) == (2, 1)
-    monkeypatch.undo()
-    assert UnfinishedBake(tmp_path / "a.npz", "other", (3, 2, 2, 3)).done == 0
-
-
 def test_a_folder_of_maps_is_a_material_and_is_baked_once(tmp_path, monkeypatch, caplog):
     folder = save(tmp_path / "tiles", albedo=flat((0.5, 0.4, 0.3)), roughness=flat(0.4))
     btf = open_material(MaterialSpec("tiles", str(folder)), SMALL, silent)
@@ -487,34 +472,31 @@ class Tracer:
     """A path tracer of grey: a launch has two slices, and the one after `left` of them is killed."""
 
     def __init__(self, left=99):
-        self.left, self.started = left, []
+        self.left = left
 
     def provenance(self):
         return {"renderer": "grey"}
 
-    def launches(self, maps, wo, wi, size, sub_points, seed, *, start):
-        self.started.append(start)
-        for first in range(start, len(wo), 2):
+    def launches(self, maps, wo, wi, size, sub_points, seed):
+        for first in range(0, len(wo), 2):
             if not self.left:
                 raise KeyboardInterrupt
             self.left -= 1
             yield np.full((len(wo[first : first + 2]), *size, 3), 0.25, np.float32)
 
 
-def test_a_suites_maps_are_path_traced_into_the_cache_and_resumed(tmp_path):
+def test_a_suites_maps_are_path_traced_into_the_cache(tmp_path):
     folder = save(tmp_path / "tiles", albedo=flat((0.5, 0.4, 0.3)), roughness=flat(0.4))
     spec, data = MaterialSpec("tiles", str(folder)), replace(SMALL, renderer="mitsuba")
-    killed, next_one = Tracer(left=3), Tracer()
     with pytest.raises(KeyboardInterrupt):
-        open_material(spec, data, silent, 0, lambda: killed)
-    btf = open_material(spec, data, silent, 0, lambda: next_one)
-    assert (killed.started, next_one.started) == ([0], [6, 0])  # goes on after six slices; then the held-out ones
+        open_material(spec, data, silent, 0, lambda: Tracer(left=3))
+    assert list((tmp_path / "cache" / "materials").iterdir()) == []
+    btf = open_material(spec, data, silent, 0, Tracer)
     assert {float(slice.max()) for slice in btf} == {0.25}
     assert "grey" in str(btf.provenance)
     assert open_material(spec, SMALL, silent).fingerprint != btf.fingerprint
     once = Tracer(left=0)
     assert open_material(spec, data, silent, 0, lambda: once).fingerprint == btf.fingerprint
-    assert not list((tmp_path / "cache" / "materials").glob(".*"))
 
 
 def test_what_cannot_be_path_traced_is_refused(tmp_path):

@@ -8,7 +8,6 @@ from bench.btf import BTF
 from bench.codec import silent
 from bench.conformance.check import tiny_btf
 from bench.data import convert
-from bench.data.kinds import kind_of
 from bench.data.open import open_material, open_named
 from bench.data.spec import MaterialSpec, Preparation, named
 from bench.directions.hemisphere import to_degrees
@@ -159,8 +158,6 @@ def test_pairs_of_low_light_change_no_other_pair_and_no_fingerprint(tmp_path, mo
     assert low.subset(split.train).fingerprint == plain.subset(plain.split().train).fingerprint  # one fit serves both
     assert low.fingerprint == low.without_low_light().fingerprint == plain.fingerprint
     assert low.without_low_light().provenance == plain.provenance
-    outline = kind_of(MaterialSpec("satin")).outline(MaterialSpec("satin"), Preparation(**small, low_light=5), 0)
-    assert (len(outline), outline.fingerprint) == (len(low), low.fingerprint)
     rest = low.without_test()
     assert not rest.low_light.any()
     assert len(rest) == 16

@@ -144,7 +144,7 @@ def test_where_nothing_is_compared_nothing_is_verified(packed, tmp_path, capsys,
         ("materials", [{"name": "satin", "path": "../x"}], "leads out of the folder"),
         ("materials", [{"name": "satin", "path": "none.btf"}], "none.btf: there is no such file"),
         ("data", None, "data of satin/mean-colour/0 must be a table"),
-        ("data", {"size": 4096, "views": 5, "lights": 5, "heldout": 8}, "differ from the submitted data"),
+        ("data", {"size": 4096, "views": 5, "lights": 5, "heldout": 8}, "would render 6 GiB of satin"),
     ],
 )
 def test_an_archive_does_not_choose_what_is_opened_or_rendered(packed, tmp_path, capsys, monkeypatch, key, value, why):

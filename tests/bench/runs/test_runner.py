@@ -63,6 +63,30 @@ def test_a_run_leaves_records_files_and_what_reports_need(tmp_path):
     assert stored.starts[0]["packages"]["torch"] == torch.__version__
 
 
+def test_the_jobs_left_are_told_and_after_a_fit_how_long_they_take(tmp_path):
+    said = []
+    assert [o.progress for o in outcomes(tmp_path, MEAN, say=said.append)] == ["1 of 1 jobs"]
+    done = outcomes(tmp_path, replace(SUITE, seeds=(0, 1)), say=said.append)
+    assert said == ["0 of 1 jobs are recorded: 1 left", "1 of 4 jobs are recorded: 3 left"]
+    assert [o.progress for o in done if o.cached] == ["1 of 4 jobs"]  # it tells nothing of the others
+    assert [o.progress.partition(", ")[2] for o in done] == ["", *["about 1 min left"] * 2, ""]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "fitted", "left", "at_once", "words"),
+    [
+        (120, 1, 3, 1, "about 6 min left"),
+        (60, 1, 7, 4, "about 2 min left"),  # the others of the first four are nearly done
+        (120, 8, 4, 4, "about 1 min left"),
+        (7200, 1, 3, 1, "about 6 h left"),
+        (60, 0, 3, 1, ""),
+        (60, 3, 0, 1, ""),
+    ],
+)
+def test_the_time_left_is_that_of_the_jobs_so_far(seconds, fitted, left, at_once, words):
+    assert runner._time_left(seconds, fitted, left, at_once) == words
+
+
 def test_what_is_scored_is_what_the_file_decodes_to(tmp_path):
     job = outcomes(tmp_path)[1].record
     material = loading.load(tmp_path / job["file"])[1]
