@@ -207,8 +207,7 @@ def _verdict_on_job(
     data = table(f"data of {name}", Preparation, start.get("data"))
     if kind_of(spec).drawn and data.bytes_rendered > MOST_RENDERED:  # what has drawn pairs is rendered
         size = f"{data.bytes_rendered >> 30} GiB of {spec.name}, and an archive may ask for {MOST_RENDERED >> 30}"
-        why = f"{folder}: {name} would render {size}: run its suite here, and compare both"
-        return Verified(name, NOT_VERIFIED, why)
+        return Verified(name, NOT_VERIFIED, f"it would render {size}: run its suite here, and compare both")
     metrics = tuple(job["score_key"]["metrics"])
     with open_workbench(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:

@@ -205,7 +205,7 @@ class _Session:
         total = len(self.tasks)
         waiting = {task.name for task in self.tasks}
         recorded = {task.name for task in self.tasks if task.earlier}  # whose records may still hold, in no time
-        self.options.say(f"{len(recorded)} of {total} jobs are recorded: {len(waiting - recorded)} left")
+        self.options.say(f"{len(waiting - recorded)} of {total} jobs to do")
         self.options.show("jobs", 0, total)
         at_once = min(self.workers.at_once, cores())
         start = time.monotonic()

@@ -67,7 +67,7 @@ def test_the_jobs_left_are_told_and_after_a_fit_how_long_they_take(tmp_path):
     said = []
     assert [o.progress for o in outcomes(tmp_path, MEAN, say=said.append)] == ["1 of 1 jobs"]
     done = outcomes(tmp_path, replace(SUITE, seeds=(0, 1)), say=said.append)
-    assert said == ["0 of 1 jobs are recorded: 1 left", "1 of 4 jobs are recorded: 3 left"]
+    assert said == ["1 of 1 jobs to do", "3 of 4 jobs to do"]
     assert [o.progress for o in done if o.cached] == ["1 of 4 jobs"]  # it tells nothing of the others
     assert [o.progress.partition(", ")[2] for o in done] == ["", *["about 1 min left"] * 2, ""]
 
