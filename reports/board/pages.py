@@ -54,7 +54,6 @@ class Board:
                 if "pictures" in job or "drawing" in job:  # stored slices, or a model that the page draws live
                     self.materials_with_pictures.add(job["material"])
         self.codecs = sorted(names)
-        self.places = tables.places(self.codecs, self.sources)  # by codec
         self.plots = {source.name: list(_plots(source)) for source in self.sources}  # by source
 
     def pages(self) -> Iterator[_NamedPage]:
@@ -118,17 +117,12 @@ class Board:
         return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
 
     def _codecs_table(self) -> Table:
-        """A row a codec: its line about itself, and in how many of its comparisons no other is better."""
+        """A row a codec: its line about itself."""
         rows = []
-        for name, places in self.places.items():
-            won = "no result"
-            if places:
-                count = sum(place.gap >= 0 for place in places)  # the gap is by how much the codec is better
-                won = f"{count} of {len(places)}"
+        for name in self.codecs:
             about = self.installed[name].about if name in self.installed else "not installed here"
-            rows.append([name, about, won])
-        headers = [("codec", ""), ("about", ""), ("best of", "")]
-        return Table("list", "Codecs", headers, rows, ["Best of: the comparisons on its page."], words=2)
+            rows.append([name, about])
+        return Table("list", "Codecs", [("codec", ""), ("about", "")], rows, words=2)
 
     def to_codec(self, _: str, label: str) -> str:
         """The page of the codec that a row's label names; "" if it has none.
@@ -136,11 +130,13 @@ class Board:
         Templates call this with a table's material, too, which does not matter here.
         """
         name = codec_of(label.replace(",", " "))  # a line over budgets is "codec, as …"
-        return page_name("codec", name) if name in self.places else ""
+        return page_name("codec", name) if name in self.codecs else ""
 
     def _codec_page(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
-        """The page of a codec, in pieces: its settings if it is installed, where it stands, all its rows, and curves of
-        its fits. `sources` are those where it has a row."""
+        """The page of a codec, in pieces: its settings if it is installed, all its rows, and curves of its fits.
+
+        `sources` are those where it has a row.
+        """
         codec = self.installed.get(name)
         addresses = ((codec.paper, "Paper"), (codec.code, "Code")) if codec else ()
         values = {
@@ -148,7 +144,6 @@ class Board:
             "codec": codec,
             "links": [(address, words) for address, words in addresses if address],  # a codec may state neither
             "recipes": _recipes(codec) if codec and codec.settings else None,
-            "standing": tables.standing(name, self.places[name]),
             "fits": _FITS,
             "sources": sources,
             "rows": tables.all_rows(name, sources),

@@ -152,15 +152,17 @@ def test_each_row_says_whose_word_it_is_and_claims_count_nowhere(made, run_maker
     claim = run_maker(tmp_path / "claim").start().job("hero", psnr=99.0, verified=True)
     sources = [Publication("own", load_run(own.folder)), Publication("hero.zip", load_run(claim.folder), claimed=True)]
     write_site(sources, [], {}, tmp_path / "site")
-    page = " ".join(text_of((tmp_path / "site/material-satin.html").read_text()).split())
-    assert "pca own run 0 0 abc def mine 2026-01-02" in page
-    assert "vq verified 0 0" in page
-    assert "hero claimed 0 0" in page
-    assert page.count(" verified 0 0") == 1, "what an archive says of itself is no verdict"
-    assert "hero" not in (tmp_path / "site/index.html").read_text().split('id="materials"')[0]
-    pca = text_of((tmp_path / "site/codec-pca.html").read_text())
-    assert "99.00" not in pca
-    assert "−1.00" in pca
+    names = ("index", "material-satin", "codec-pca")
+    front, of_satin, of_pca = ((tmp_path / f"site/{name}.html").read_text() for name in names)
+    words = " ".join(text_of(of_satin).split())
+    assert "pca own run 0 0 abc def mine 2026-01-02" in words
+    assert "vq verified 0 0" in words
+    assert "hero claimed 0 0" in words
+    assert words.count(" verified 0 0") == 1, "what an archive says of itself is no verdict"
+    assert "hero" not in front.split('id="materials"')[0]
+    assert "vq 1 of 1 1.0 1 31.00" in " ".join(text_of(front).split()), "first by rank, and won"
+    assert "<b>31.00</b>" in of_satin, "the best of its source"
+    assert "99.00" not in of_pca
 
 
 def test_strings_of_records_stay_text_and_name_no_other_place(made, tmp_path):
