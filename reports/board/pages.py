@@ -12,7 +12,6 @@ from bench.records import codec_of, kind_of, kind_order, pictures_are_free
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
-from reports.figures.contact import strip
 from reports.figures.significance import critical_differences
 from reports.fits import curves_by_material
 from reports.front_plots import front_plots
@@ -20,7 +19,6 @@ from reports.leads import leads
 from reports.live import Live, by_psnr
 from reports.page import Page, Picture, document
 from reports.rows import MaterialRows
-from reports.rungs import ENOUGH
 from reports.table import Table
 from reports.tables import all_tables
 
@@ -305,8 +303,8 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
 
 
 def _section(source: Publication) -> dict[str, Any]:
-    """What the front shows of a source, by the names that its template uses: with budgets pictures, figures and tables
-    of these, else the summary alone. `ranks` are drawn only when the template takes them."""
+    """What the front shows of a source, by the names that its template uses: with budgets figures and tables of these,
+    else the summary alone. `ranks` are drawn only when the template takes them."""
     run = source.run
     kinds = ", ".join(_kinds(source))
     # How many pairs were fitted and held out; the first material stands for all.
@@ -318,13 +316,12 @@ def _section(source: Publication) -> dict[str, Any]:
         "split": splits_in_words[0] if splits_in_words else "",
     }
     if not source.has_budgets:
-        nothing: dict[str, Any] = {"strip": None, "lead": "", "tables": [], "ranks": []}
+        nothing: dict[str, Any] = {"lead": "", "tables": [], "ranks": []}
         return section | nothing | {"folded": all_tables(run, kind="summary")}
     open_tables: list[Table] = []
     for kind in ("front", "budgets", "curves"):
         open_tables += all_tables(run, kind=kind)
     return section | {
-        "strip": strip(run, ENOUGH),
         "lead": leads(run),
         "tables": open_tables,
         "ranks": critical_differences(run),

@@ -179,10 +179,3 @@ def test_a_sheet_gives_the_same_bytes_each_time_and_in_any_order():
     assert figure.vector("svg") == first
     assert first.count(b"<image") == 1
     assert sheet.png() == figure.png
-
-
-def test_a_strip_says_which_codec_is_as_published():
-    scores = {"heldout": {"slices": 1, "metrics": {"psnr_display": {"mean": 30.0}}}}
-    job = {"label": "neumip recipe=paper", "codec": "neumip", "settings": {"recipe": "paper"}, "scores": scores}
-    caption = contact._caption(job | {"bytes": {"total": 64}, "shape": [8, 8]})
-    assert caption.startswith("neumip, as published: 30.00 dB")
