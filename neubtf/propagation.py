@@ -43,8 +43,8 @@ class FittedMaterial:
 
         Raises `InputError` for a file without autoencoder, `ContainerError` if it is damaged or of another version.
         """
-        encoder, guidance = read_encoder(path)
         header = loading.load(path).header  # refuse a file that does not decode
+        encoder, guidance = read_encoder(path)
         _, parts = container.read_parts(path)
         return cls(header, parts, encoder, guidance)
 

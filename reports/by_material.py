@@ -237,13 +237,6 @@ def in_summary(material: MaterialRows) -> list[Measure]:
     return [*_other_metrics(material, spread=False), _TOTAL, _FLOOR, _FUSED]
 
 
-def psnr_of(material: MaterialRows) -> dict[str, float]:
-    """By label the PSNR of each codec that was measured, infinite without an error; NaN where its records lack it."""
-    measure = _psnr(material)
-    codecs = [codec for codec in material.codecs if codec.measured]
-    return {values["codec"]: values[measure.field] for values in rows_of(codecs, [measure])}
-
-
 def _main(material: MaterialRows) -> list[Measure]:
     """Size, quality and time."""
     return [*_SIZE, *_quality(material), *_times()]

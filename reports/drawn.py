@@ -34,7 +34,6 @@ WHY_EMPTY = {
     "speed": "no job of this run has a PSNR and a time of a query: `neubtf-bench run` measures both",
     "fits": reports.WHY_EMPTY["fits"],
     "footprints": "no job of this run was scored at two or more footprints: `neubtf-bench run` does",
-    "trade": reports.WHY_EMPTY["trade"],
     "angles": _NOT_STORED.format("the errors of its slices"),
     "polar": _NOT_STORED.format("errors by direction"),
     "abrdf": _NOT_STORED.format("the errors of its texels"),

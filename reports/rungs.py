@@ -123,11 +123,6 @@ class Rungs:
         return [kind for kind in _OF_TIME if self.frame[kind].notna().any()]
 
     @property
-    def codecs(self) -> dict[str, str]:
-        """The name of the codec of each line."""
-        return dict(zip(self.frame["line"], self.frame["codec"], strict=True))
-
-    @property
     def limits(self) -> list[Budget]:
         """The budgets: those of bytes first, then of each kind of time that was measured; those of a kind ascend."""
         limits = [Budget(BYTES, most) for most in BITS]

@@ -18,14 +18,8 @@ from bench.machine.threads import processor_seconds
 from bench.material import Material
 
 T = TypeVar("T")
-ZSTD = "zstd"
-SCENE = "scene"
-COMMON = (ZSTD, SCENE)  # boolean settings that every codec has
+SCENE = "scene"  # a boolean setting that every codec has
 RECIPE = "recipe"  # the setting that chooses the defaults of others
-COMMON_MEANINGS = {
-    ZSTD: "store each part compressed by Zstandard, without loss (extra neubtf-bench[zstd])",
-    SCENE: "fit to the demand of a scene instead of to the whole BTF (see docs/scenes.md)",
-}
 Progress = Callable[[str, int, int], None]  # label, done, total; the text after REMARK in a label may change
 REMARK = " · "
 COVERED = 0.999  # share of the demand to cover; the rest may lie outside the kept pairs and levels of detail
@@ -264,10 +258,9 @@ class Configured:
     class Settings:
         pass
 
-    def __init__(self, *, zstd: bool | str = False, scene: bool | str = False, **settings: Any):
+    def __init__(self, *, scene: bool | str = False, **settings: Any):
         """Set the given settings, and the others to the defaults of the recipe or of the class; convert strings. Every
-        codec has `zstd` and `scene`: see `COMMON_MEANINGS`. `InputError` for an unknown setting or a wrong value."""
-        self.zstd: bool = convert(self.name, ZSTD, bool, zstd)
+        codec has `scene`. `InputError` for an unknown setting or a wrong value."""
         self.scene: bool = convert(self.name, SCENE, bool, scene)
         recipe = self.recipes.get(settings.get(RECIPE, ""), {})
         self.settings: Any = parse(self.name, self.Settings, {**recipe, **settings})
@@ -309,8 +302,7 @@ def settings_dict(codec: Configured) -> dict[str, Any]:
     """The settings of a codec as plain values, for files and records.
 
     Two kinds are left out at their defaults, so that files and records from before they existed stay the same: settings
-    that are marked with `IF_SET`, unless the recipe changes them, and the common ones, which are false by default and
-    true otherwise.
+    that are marked with `IF_SET`, unless the recipe changes them, and `scene`.
     """
     written = dataclasses.asdict(codec.settings)
     of_recipe = codec.recipes.get(written.get(RECIPE, ""), {})
@@ -318,18 +310,17 @@ def settings_dict(codec: Configured) -> dict[str, Any]:
         at_default = written[each.name] == each.default
         if each.metadata == IF_SET and at_default and each.name not in of_recipe:
             del written[each.name]
-    for name in COMMON:
-        if getattr(codec, name):
-            written[name] = True
+    if codec.scene:
+        written[SCENE] = True
     return written
 
 
 def setting_names(codec: type[Configured]) -> set[str]:
     """The names of the settings of a codec."""
-    return {each.name for each in dataclasses.fields(codec.Settings)} | set(COMMON)
+    return {each.name for each in dataclasses.fields(codec.Settings)} | {SCENE}
 
 
 def described_settings(codec: type[Configured]) -> list[Setting]:
-    """Every setting of a codec: its own first, then those common to all codecs."""
-    common = [Setting(name, "false", "true or false", COMMON_MEANINGS[name]) for name in COMMON]
-    return descriptions(codec.Settings) + common
+    """Every setting of a codec: its own first, then `scene`."""
+    meaning = "fit to the demand of a scene instead of to the whole BTF (see docs/scenes.md)"
+    return [*descriptions(codec.Settings), Setting(SCENE, "false", "true or false", meaning)]

@@ -12,9 +12,7 @@ is a group of tensors that tables count apart: `decoder`, `texture`, and the res
 also those that have their defaults, so a file explains itself without the code that wrote it. `lowest_light` is cos θ
 of the lowest light that was fitted (`Material.faded`). `provenance` is there if the file was made from others. If a
 codec shares a network over materials, `shared` is the hash of the network's file, whose own `kind` is "shared". If a
-file was fitted to a scene, `scene` says which part of the BTF it holds. Nothing is ever unpickled. If the setting
-`zstd` is true, each part is one uint8 tensor, `zstd`: bytes that Zstandard compressed, of the two u32, the JSON and the
-tensors as above, and nothing else.
+file was fitted to a scene, `scene` says which part of the BTF it holds. Nothing is ever unpickled.
 """
 
 import hashlib
@@ -25,11 +23,10 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from bench.files import atomic
-from bench.inputs.errors import ContainerError, EncodeError, answered, installed, refuse_pipe, shown
+from bench.inputs.errors import ContainerError, EncodeError, answered, refuse_pipe, shown
 from bench.records import fields as record_fields
 from bench.records.schema import FileMetadata
 
@@ -49,10 +46,6 @@ START = HASH_AT + HASH_BYTES  # where the deflated JSON begins
 HEADER_LIMIT = 1 << 22  # bytes, of the JSON deflated or not: what a parser makes of them must not fill the memory
 SUFFIX = ".nbtf"
 MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or a network shared over materials
-LEVEL = 19  # of Zstandard
-# All expanded parts of a file together may have this multiple of the file's bytes, or this many bytes if that is more.
-MOST_EXPANSION = 16
-LEAST_EXPANDED = 64 << 20  # 64 MiB
 PARTS = ("decoder", "texture", "encoder", "sampling", "other")
 # The dtypes that a codec may write, by the name in a file: the bytes of one number, and PyTorch's name.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
@@ -129,15 +122,10 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
 
     `EncodeError` if no file can hold the parts.
     """
-    from bench.codec import ZSTD, SharedNetwork, settings_dict
+    from bench.codec import SharedNetwork, settings_dict
 
     _check_parts(codec, parts)
     tensors: dict[str, dict[str, Tensor]] = {part: getattr(parts, part) for part in PARTS if getattr(parts, part)}
-    if codec.zstd:  # the tensors of each part become one
-        tensors = {
-            part: {ZSTD: compressed(b"".join(_packed({}, {part: all_of_part})))}
-            for part, all_of_part in tensors.items()
-        }
     settings = settings_dict(codec)
     fields: dict[str, Any] = {"codec": codec.name, "version": codec.version_of(settings), "settings": settings}
     if isinstance(codec, SharedNetwork):
@@ -266,36 +254,14 @@ def read_header(path: Path) -> Header:
 
 def read_parts(path: Path) -> "tuple[Header, Parts]":
     """Check a codec file against its own hash and read its tensors. `ContainerError` says what is wrong."""
-    from bench.codec import ZSTD, Parts
+    from bench.codec import Parts
 
-    data = _read(Path(path))
-    header, payload = _header_and_payload(Path(path), data)
-    tensors = _tensors_of(str(path), header.tensors, payload)
-    if header.settings.get(ZSTD):
-        tensors = _expanded_parts(Path(path), tensors, most=max(LEAST_EXPANDED, MOST_EXPANSION * len(data)))
+    header, payload = _header_and_payload(Path(path), _read(Path(path)))
     parts = Parts(lowest_light=header.lowest_light)
-    for full, tensor in tensors.items():
+    for full, tensor in _tensors_of(str(path), header.tensors, payload).items():
         part, name = full.split("/", 1)
         getattr(parts, part)[name] = tensor
     return header, parts
-
-
-def _expanded_parts(path: Path, compressed_parts: "dict[str, Tensor]", most: int) -> "dict[str, Tensor]":
-    """The tensors, by "part/name", of parts that are one compressed tensor each.
-
-    `ContainerError` if they have over `most` bytes together: a small damaged file must not fill the memory.
-    """
-    from bench.codec import ZSTD
-
-    tensors: dict[str, Tensor] = {}
-    for full, payload in compressed_parts.items():
-        part, name = full.split("/", 1)
-        of_part = expanded(payload, path, most - sum(tensor.nbytes for tensor in tensors.values()))
-        if name != ZSTD or any(not inner.startswith(f"{part}/") for inner in of_part):
-            fault = "a compressed part holds tensors of another, or is not alone in its own"
-            raise ContainerError(f"{path}: {fault}: encode it again")
-        tensors |= of_part
-    return tensors
 
 
 def _tensors_of(label: str, entries: Mapping[str, Entry], payload: memoryview) -> "dict[str, Tensor]":
@@ -463,36 +429,3 @@ def _entry(listed: object) -> Entry:
 def _is_size(value: object) -> bool:
     """Whether a value of JSON is a whole number from 0 to below 2^48, the range of sizes."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
-
-
-def compressed(data: bytes) -> "Tensor":
-    """Compress bytes into a tensor (n,) uint8."""
-    import torch
-
-    packed = _zstandard("zstd = true").ZstdCompressor(level=LEVEL).compress(data)
-    return torch.frombuffer(bytearray(packed), dtype=torch.uint8)
-
-
-def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
-    """The tensors, by "part/name", of a compressed part of at most `most` bytes. `ContainerError` if it is damaged."""
-    zstandard = _zstandard(str(path))
-    label = f"{path}: a compressed part"
-    if str(payload.dtype) != "torch.uint8":
-        raise ContainerError(f"{label} is {payload.dtype}, not bytes: encode it again")
-    packed = payload.numpy().tobytes()
-    try:
-        if not LENGTHS.size <= zstandard.frame_content_size(packed) <= most:
-            fault = "gives no size, or one too small for a header or far too large for the file"
-            raise ContainerError(f"{label} {fault}: encode it again")
-        data = memoryview(zstandard.ZstdDecompressor().decompress(packed))
-    except zstandard.ZstdError as error:
-        raise ContainerError(f"{label} is not sound ({error}): encode it again") from error
-    _, entries, numbers = _parsed(label, bytes(data[: LENGTHS.size]), data[LENGTHS.size :])
-    return _tensors_of(label, entries, numbers)
-
-
-def _zstandard(what: str) -> ModuleType:
-    """The package zstandard, which is optional. If it is missing, an `InputError` says that `what` needs it."""
-    with installed(f"{what}: needs the package zstandard: pip install 'neubtf-bench[zstd]'"):
-        import zstandard
-    return zstandard

@@ -46,7 +46,10 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         numbers += _count_numbers(needed.parts)
     try:
         with decoding(numbers):  # no decoder may have more weights than such a file can hold
-            codec = codec_class(**header.settings)
+            try:
+                codec = codec_class(**header.settings)
+            except InputError as error:  # settings that this codec does not have
+                raise ContainerError(f"cannot be decoded: {error}: encode it again") from error
             material = decoded(codec, dataclasses.replace(parts, network=needed), torch.device(device))
         _check_answers(material)
         if header.scene:
@@ -56,7 +59,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
             raise ContainerError(f"{fault}: encode it again")
     except ContainerError as error:
         raise ContainerError(f"{path}: {error}") from error
-    except InputError as error:  # of its codec, or of settings that this codec does not have
+    except InputError as error:  # of its codec
         raise ContainerError(f"{path}: cannot be decoded: {error}") from error
     except KeyboardInterrupt:
         raise

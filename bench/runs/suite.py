@@ -480,10 +480,10 @@ def _has_setting(codec: str, scope: str, setting: str) -> bool:
 
 def _with_setting(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
     """The entry of a suite with one setting changed, whose value is a word of the command line."""
-    from bench.codec import COMMON
+    from bench.codec import SCENE
 
     codec = make_codec(spec.codec, {setting: value})  # which converts the word
-    holder = codec if setting in COMMON else codec.settings  # the settings of every codec are attributes of the codec
+    holder = codec if setting == SCENE else codec.settings
     return dataclasses.replace(spec, settings=spec.settings | {setting: getattr(holder, setting)})
 
 

@@ -1,7 +1,7 @@
 """Writes the board: a folder of pages, each whole by itself, from files of records and the pictures of runs at hand.
 
 `index.html`, the front, has the results within budgets of bytes and time. The page of a material has every codec's rows
-on it; that of a codec says what it is and where it stands.
+on it; that of a codec says what it is and has every row of it.
 
 `reports.board.sources` says what a board is made of.
 """

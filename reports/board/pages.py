@@ -12,7 +12,6 @@ from bench.records import codec_of, kind_of, kind_order, pictures_are_free
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
-from reports.figures.contact import strip
 from reports.figures.significance import critical_differences
 from reports.fits import curves_by_material
 from reports.front_plots import front_plots
@@ -20,7 +19,6 @@ from reports.leads import leads
 from reports.live import Live, by_psnr
 from reports.page import Page, Picture, document
 from reports.rows import MaterialRows
-from reports.rungs import ENOUGH
 from reports.table import Table
 from reports.tables import all_tables
 
@@ -54,7 +52,6 @@ class Board:
                 if "pictures" in job or "drawing" in job:  # stored slices, or a model that the page draws live
                     self.materials_with_pictures.add(job["material"])
         self.codecs = sorted(names)
-        self.places = tables.places(self.codecs, self.sources)  # by codec
         self.plots = {source.name: list(_plots(source)) for source in self.sources}  # by source
 
     def pages(self) -> Iterator[_NamedPage]:
@@ -118,17 +115,12 @@ class Board:
         return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
 
     def _codecs_table(self) -> Table:
-        """A row a codec: its line about itself, and in how many of its comparisons no other is better."""
+        """A row a codec: its line about itself."""
         rows = []
-        for name, places in self.places.items():
-            won = "no result"
-            if places:
-                count = sum(place.gap >= 0 for place in places)  # the gap is by how much the codec is better
-                won = f"{count} of {len(places)}"
+        for name in self.codecs:
             about = self.installed[name].about if name in self.installed else "not installed here"
-            rows.append([name, about, won])
-        headers = [("codec", ""), ("about", ""), ("best of", "")]
-        return Table("list", "Codecs", headers, rows, ["Best of: the comparisons on its page."], words=2)
+            rows.append([name, about])
+        return Table("list", "Codecs", [("codec", ""), ("about", "")], rows, words=2)
 
     def to_codec(self, _: str, label: str) -> str:
         """The page of the codec that a row's label names; "" if it has none.
@@ -136,11 +128,13 @@ class Board:
         Templates call this with a table's material, too, which does not matter here.
         """
         name = codec_of(label.replace(",", " "))  # a line over budgets is "codec, as …"
-        return page_name("codec", name) if name in self.places else ""
+        return page_name("codec", name) if name in self.codecs else ""
 
     def _codec_page(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
-        """The page of a codec, in pieces: its settings if it is installed, where it stands, all its rows, and curves of
-        its fits. `sources` are those where it has a row."""
+        """The page of a codec, in pieces: its settings if it is installed, all its rows, and curves of its fits.
+
+        `sources` are those where it has a row.
+        """
         codec = self.installed.get(name)
         addresses = ((codec.paper, "Paper"), (codec.code, "Code")) if codec else ()
         values = {
@@ -148,7 +142,6 @@ class Board:
             "codec": codec,
             "links": [(address, words) for address, words in addresses if address],  # a codec may state neither
             "recipes": _recipes(codec) if codec and codec.settings else None,
-            "standing": tables.standing(name, self.places[name]),
             "fits": _FITS,
             "sources": sources,
             "rows": tables.all_rows(name, sources),
@@ -310,8 +303,8 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
 
 
 def _section(source: Publication) -> dict[str, Any]:
-    """What the front shows of a source, by the names that its template uses: with budgets pictures, figures and tables
-    of these, else the summary alone. `ranks` are drawn only when the template takes them."""
+    """What the front shows of a source, by the names that its template uses: with budgets figures and tables of these,
+    else the summary alone. `ranks` are drawn only when the template takes them."""
     run = source.run
     kinds = ", ".join(_kinds(source))
     # How many pairs were fitted and held out; the first material stands for all.
@@ -323,13 +316,12 @@ def _section(source: Publication) -> dict[str, Any]:
         "split": splits_in_words[0] if splits_in_words else "",
     }
     if not source.has_budgets:
-        nothing: dict[str, Any] = {"strip": None, "lead": "", "tables": [], "ranks": []}
+        nothing: dict[str, Any] = {"lead": "", "tables": [], "ranks": []}
         return section | nothing | {"folded": all_tables(run, kind="summary")}
     open_tables: list[Table] = []
     for kind in ("front", "budgets", "curves"):
         open_tables += all_tables(run, kind=kind)
     return section | {
-        "strip": strip(run, ENOUGH),
         "lead": leads(run),
         "tables": open_tables,
         "ranks": critical_differences(run),

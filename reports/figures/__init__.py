@@ -10,7 +10,7 @@ from bench.records import Run
 from reports.figures.canvas import Figure as Figure
 from reports.figures.contact import contact_sheets
 from reports.figures.errors import abrdf_maps, angle_curves, polar_maps
-from reports.figures.fronts import fronts, plot_figures, trade_fronts
+from reports.figures.fronts import fronts, plot_figures
 from reports.figures.latents import latent_channels
 from reports.figures.significance import critical_differences, significance
 
@@ -21,7 +21,6 @@ ALL: dict[str, Callable[[Run], Iterator[Figure]]] = {
     "fronts": fronts,
     "contact": contact_sheets,
     **{kind: partial(plot_figures, kind=kind) for kind in ("rate", "speed", "fits", "footprints")},
-    "trade": trade_fronts,
     "angles": angle_curves,
     "polar": polar_maps,
     "abrdf": abrdf_maps,

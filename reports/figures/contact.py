@@ -1,4 +1,4 @@
-"""Contact sheets: a few slices, true and decoded, beside their FLIP maps; a strip of one slice by a few codecs.
+"""Contact sheets: a few slices, true and decoded, beside their FLIP maps.
 
 A run stores a few slices of each job as the artefact `pictures`: `truth`, `decoded` and `flip` (slices, height, width,
 3), all uint8, their `pairs` (indices of pairs of the BTF), `wo_deg` and `wi_deg` (θ and φ of view and light in
@@ -7,20 +7,14 @@ degrees). Its artefact `slices` has the scores of all pairs.
 
 import textwrap
 from collections.abc import Sequence
-from itertools import chain
-from math import prod
 
 import numpy as np
 from matplotlib.colors import Normalize
 
-from bench.compare.frame import line_of
-from bench.metrics import stats_of
-from bench.records import FLIP, PSNR, Job, Run
+from bench.records import FLIP, Job, Run
 from reports.artefacts import Arrays, arrays, of_same_pairs, of_shown
-from reports.figures.canvas import Figure, Sheet, coloured, enlarged, factor_to, of_each_material, short, style
-from reports.numbers import fixed
+from reports.figures.canvas import Figure, Sheet, coloured, enlarged, factor_to, of_each_material, short
 from reports.rows import MaterialRows
-from reports.rungs import Budget, rungs_of
 
 CELL = 128  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
 # In pixels: between pictures, and the margins, which hold texts.
@@ -117,60 +111,6 @@ def angles_in_words(side: str, direction: np.ndarray) -> str:
     """A direction (θ, φ) in degrees, in words; `side` says whose it is, "view" or "light"."""
     theta, phi = direction
     return f"{side}: θ {theta:.0f}°, φ {phi:.0f}°"
-
-
-def strip(run: Run, budget: Budget) -> Figure | None:
-    """One slice of a surface: the truth, and the answers of the three best codecs within a budget.
-
-    A surface is a material of the run. It is the first with pictures of three codecs, in the order of the kinds of
-    surfaces. Of its stored slices the one is shown at which the best codec has its median PSNR. None if there is no
-    such surface.
-    """
-    rungs = rungs_of(run)
-    jobs_by_name = {job["job"]: job for job in run.jobs}
-    for material in chain.from_iterable(rungs.kinds.values()):
-        # Of each line, a codec or a codec as published: the setting that fits the budget best, by its first seed.
-        picked = rungs.frame.loc[rungs.picks(budget, [material])[material]]
-        jobs = [jobs_by_name[name] for name in picked.sort_values("psnr", ascending=False, kind="stable")["job"]]
-        stored = [(job, arrays(run.folder, job, "pictures")) for job in jobs]
-        alike, _ = of_same_pairs([(job, pictures) for job, pictures in stored if pictures])
-        best_three = alike[:3]
-        if len(best_three) < 3:
-            continue
-        best, pictures = best_three[0]
-        error_of = scores_by_pair(run, best, PSNR)
-        if error_of and "pairs" in pictures:  # else there is no median: another surface may have the scores of slices
-            errors = [error_of[pair] for pair in pictures["pairs"].tolist()]
-            median_place = np.argsort(errors, kind="stable")[len(errors) // 2]
-            with style():
-                return _strip(material, best_three, int(median_place))
-    return None
-
-
-def _caption(job: Job) -> str:
-    """The line of a job, with its PSNR and size, as it stands below a picture."""
-    bits = round(8 * job["bytes"]["total"] / prod(job["shape"]))
-    return f"{line_of(job)}: {fixed(stats_of(job, PSNR)['mean'], 2)} dB, {bits} bits a texel"
-
-
-def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], place: int) -> Figure:
-    """The truth and the decoded pictures side by side of the slice at a place among the shown ones.
-
-    `best_three` are jobs with their pictures, the best first.
-    """
-    _, first = best_three[0]
-    truth = first["truth"]
-    factor = factor_to(2 * CELL, truth.shape[1:3])  # at least twice the size of a contact sheet's pictures
-    height = factor * truth.shape[1]
-    width = factor * truth.shape[2]
-    sheet = Sheet(4 * (width + _GAP) - _GAP, height + _BOTTOM)
-    columns = [(f"{material}, truth", truth)]  # the words below each, and its slices of all shown pairs
-    columns += [(_caption(job), pictures["decoded"]) for job, pictures in best_three]
-    for column, (words, slices) in enumerate(columns):
-        left = column * (width + _GAP)
-        sheet.picture(left, 0, enlarged(slices[place], factor))
-        sheet.text(left, height + _BOTTOM / 2, words)
-    return Figure(material, "strip", f"{material}: truth and decoded; PSNR: mean over test slices", sheet.png(), sheet)
 
 
 def scores_by_pair(run: Run, job: Job, metric: str) -> dict[int, float]:

@@ -1,20 +1,18 @@
-"""Quality over cost: curves over bytes, rungs within budgets of time, and the choices of a trade.
+"""Quality over cost: curves over bytes, and rungs within budgets of time.
 
 And the plots that the page also draws, as pictures: rate, speed, fits and level of detail.
 
 A *goal* is a PSNR that a fit should reach soon.
 """
 
-from collections.abc import Iterator, Sequence
-from operator import itemgetter
+from collections.abc import Iterator
 from textwrap import fill
 from typing import Any
 
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import NullLocator
 
-from bench.compare.choosing import is_plain, on_front
-from bench.records import Run, Timing, grouped, variant_of
+from bench.records import Run
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.fits import GOALS_DB
 from reports.front_plots import FAR_DB, Front, front_plots
@@ -57,65 +55,6 @@ def _drawn_front(front: Front, styles: Styles) -> Drawing:
     by_size.set_title(f"{front.kind} surfaces: {surfaces}; within {FAR_DB:g} dB of the best", loc="left")
     legend(by_time, list(handles.values()), list(handles))
     return drawing
-
-
-def trade_fronts(run: Run) -> Iterator[Figure]:
-    """One figure for each material whose choices were measured."""
-    # A choice without a PSNR, such as the floor, has no place on the axis of quality; one that failed has no time.
-    drawable = [row for row in run.choices if "error" not in row and row.get("psnr") is not None]
-    for material, rows in grouped(drawable, itemgetter("material")).items():
-        with style():
-            drawing = _drawn_choices(material, rows, Styles(run.jobs))
-            yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
-
-
-def _drawn_choices(material: str, rows: Sequence[Timing], styles: Styles) -> Drawing:
-    """PSNR over time and over bytes, a mark a choice. White marks are of another execution or precision than usual.
-
-    `rows` are the choices on one material.
-    """
-    groups = grouped(rows, lambda row: row["codec"] + _variant_in_words(row))  # choices by the words of the legend
-    height = max(5.0, 1.4 + 0.2 * len(groups))  # inches; the legend has a line for each group
-    drawing, (speed, rate) = plots(11.5, height, count=2)
-    handles = []
-    for name, group in groups.items():
-        is_default = not _variant_in_words(group[0])  # all of a group have one execution and precision
-        look = styles.of_codec(name) | {"linestyle": "none"}
-        if not is_default:
-            look["markerfacecolor"] = "white"
-        psnr = [row["psnr"] for row in group]
-        handles += speed.plot([row["ns_per_sample"] for row in group], psnr, **look, markersize=6)
-        if is_default:  # executions do not change bytes
-            rate.plot([row["bytes"] for row in group], psnr, **look, markersize=6)
-    on_speed_front = on_front(rows, "ns_per_sample")
-    on_rate_front = on_front(rows, "bytes")
-    fastest = [(row["ns_per_sample"], row["psnr"]) for row in rows if row["job"] in on_speed_front]
-    smallest = [(row["bytes"], row["psnr"]) for row in rows if row["job"] in on_rate_front]
-    _draw_stair(speed, fastest, "ns a sample (less is better)", "")
-    _draw_stair(rate, smallest, "size of the file (less is better)", "B")
-    speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
-    speed.set_title(f"{material}: speed and accuracy", loc="left")
-    rate.set_title("rate and accuracy; grey: no other is as good for less", loc="left")
-    legend(rate, handles, list(groups))
-    return drawing
-
-
-def _variant_in_words(row: Timing) -> str:
-    """The execution and precision of a row in words, "" for the default ones."""
-    return "" if is_plain(row) else f" [{variant_of(row)}]"
-
-
-def _draw_stair(axes: Any, best: Sequence[tuple[float, float | None]], label: str, unit: str) -> None:
-    """Draw a front, points of cost and PSNR, as a stair, and label the axis of its cost, whose unit is `unit` or "".
-
-    A step stays level to the next point, because more cost buys nothing until there.
-    """
-    stair = sorted(best)
-    axes.plot([x for x, _ in stair], [y for _, y in stair], color="0.4", linewidth=1, drawstyle="steps-post", zorder=0)
-    axes.set_xscale("log")
-    log_ticks(axes.xaxis, unit)
-    axes.set_xlabel(label)
-    axes.margins(0.08)
 
 
 def plot_figures(run: Run, kind: str) -> Iterator[Figure]:

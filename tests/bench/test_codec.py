@@ -96,7 +96,7 @@ def test_settings_are_described_with_default_range_and_comment():
     assert "≥ 1" in shown["count"][1]
     assert shown["above"][::2] == ("1.0", "")
     assert "> 0" in shown["above"][1]
-    assert list(shown) == ["count", "rate", "half", "domain", "share", "above", "level", "zstd", "scene"]
+    assert list(shown) == ["count", "rate", "half", "domain", "share", "above", "level", "scene"]
 
 
 @pytest.mark.parametrize("name", sorted(codec_entries()))

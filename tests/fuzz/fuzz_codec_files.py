@@ -94,7 +94,7 @@ def _field(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> No
 
 def _setting(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> None:
     if isinstance(says["settings"], dict):
-        says["settings"][rng.choice([*says["settings"], "zstd", "other"])] = rng.choice(VALUES)
+        says["settings"][rng.choice([*says["settings"], "other"])] = rng.choice(VALUES)
 
 
 def _entry(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> None:
@@ -135,7 +135,7 @@ def _renamed(tensors: dict, says: dict, body: bytearray, rng: random.Random) -> 
     name = rng.choice(list(tensors[part]))
     entry = tensors[part].pop(name)
     new_part, new_name = rng.choice(
-        (("texture", name), ("other", name), (part, "x"), ("x", name), ("decoder", "zstd"), (part, name + ".scale"))
+        (("texture", name), ("other", name), (part, "x"), ("x", name), (part, name + ".scale"))
     )
     if isinstance(tensors.setdefault(new_part, {}), dict):
         tensors[new_part][new_name] = entry

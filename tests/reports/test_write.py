@@ -17,7 +17,7 @@ def test_a_report_is_tables_figures_and_a_page(made):
     written = write_report(made.job().job("vq").timing().trade("vq").folder)
     names = {str(path.relative_to(made.folder)) for path in written.files}
     assert {"tables/main.md", "tables/main.tex", "tables/results.csv", "tables/trade.csv", "report.html"} <= names
-    kinds = ("contact", "rate", "speed", "angles", "polar", "abrdf", "fits", "trade", "footprints", "significance")
+    kinds = ("contact", "rate", "speed", "angles", "polar", "abrdf", "fits", "footprints", "significance")
     assert {f"figures/{kind}-satin.png" for kind in kinds} == {name for name in names if name.endswith(".png")}
     for path in made.folder.glob("figures/*.png"):
         with Image.open(path) as picture:
@@ -73,7 +73,7 @@ def test_every_figure_is_written_as_svg_and_pdf_where_that_is_asked(made, capsys
     assert cli.main([str(made.folder) if word == "runs/quick" else word for word in words[1:]]) == 0
     names = {path.name for path in (made.folder / "figures").iterdir()}
     pictures = {name.removesuffix(".png") for name in names if name.endswith(".png")}
-    assert {"contact-satin", "abrdf-satin", "significance-satin", "trade-satin"} <= pictures
+    assert {"contact-satin", "abrdf-satin", "significance-satin"} <= pictures
     assert names == {f"{name}.{suffix}" for name in pictures for suffix in ("png", "svg", "pdf")}
     first = {path.name: path.read_bytes() for path in (made.folder / "figures").iterdir()}
     assert all(text.startswith(b"%PDF-") for name, text in first.items() if name.endswith(".pdf"))

@@ -110,8 +110,15 @@ def test_entries_that_a_change_makes_equal_run_on_the_materials_of_both():
     assert {spec.codec: spec.materials for spec in suite.codecs} == {"pca": ("satin", "brick"), "vq": ()}
 
 
+def test_the_setting_scene_of_every_codec_may_be_changed_by_a_word():
+    changed = with_changes(parse_suite("test", '[[codecs]]\ncodec = "pca"\n'), [], [], {"pca.scene": "yes"})
+    assert changed.codecs[0].settings == {"scene": True}
+    with pytest.raises(InputError, match=r"scene.*pca.*'maybe'"):
+        load_codec("pca")(scene="maybe")
+
+
 def test_a_row_has_one_name_however_it_is_spelled():
-    suite = parse_suite("test", TEXT + '\n[[codecs]]\ncodec = "pca"\nzstd = false\nmaterials = ["satin"]\n')
+    suite = parse_suite("test", TEXT + '\n[[codecs]]\ncodec = "pca"\nscene = false\nmaterials = ["satin"]\n')
     suite = with_changes(suite, [], [], {"pca.components": "16"})
     assert [spec.label for spec in suite.codecs] != ["mean-colour", "pca", "pca domain=rgb"]
     assert [spec.label for spec in canonical(suite).codecs] == ["mean-colour", "pca", "pca domain=rgb"]

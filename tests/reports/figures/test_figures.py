@@ -115,11 +115,11 @@ def test_neither_odd_labels_nor_exact_codecs_stop_a_figure_and_what_is_gone_cost
     labels = ("_hidden $x^2$", "编码", "a" * 200, "%d {0}")
     for label in labels:
         made.job(label, material="50 % $m_1$").timing(label, material="50 % $m_1$")
-    assert len(drawn(run_of(made.trade(*labels, material="50 % $m_1$")), draw)) == 1
+    assert len(drawn(run_of(made), draw)) == 1
     made.folder = made.folder.parent / "exact"
     made.__init__(made.folder)
     list(draw(run_of(made.start().job("table", psnr=100.0).timing("table"))))  # nothing else is there
-    made.job().job("vq").timing().trade("table", "vq")
+    made.job().job("vq").timing()
     assert len(drawn(run_of(made), draw)) == 1
     for path in [*made.folder.glob("*.npz"), *made.folder.glob("angular*")]:
         path.unlink()
@@ -137,12 +137,12 @@ def test_the_scale_of_polar_maps_begins_at_zero_even_without_any_error(made):
 
 @pytest.mark.parametrize("draw", OF_ANY_RUN)
 def test_what_is_not_comparable_is_not_drawn(made, draw):
-    made.job("vq", run="0", exposure=3.0).job("pca").job("neumip").timing("pca").trade("pca")
+    made.job("vq", run="0", exposure=3.0).job("pca").job("neumip").timing("pca")
     alone = drawn(run_of(made), draw)
     (name, picture), *_ = alone.items()
     made.folder = made.folder.parent / "other"
     made.__init__(made.folder)
-    other = drawn(run_of(made.start().job("pca").job("neumip").timing("pca").trade("pca")), draw)
+    other = drawn(run_of(made.start().job("pca").job("neumip").timing("pca")), draw)
     np.testing.assert_array_equal(other[name], picture)
 
 
@@ -179,10 +179,3 @@ def test_a_sheet_gives_the_same_bytes_each_time_and_in_any_order():
     assert figure.vector("svg") == first
     assert first.count(b"<image") == 1
     assert sheet.png() == figure.png
-
-
-def test_a_strip_says_which_codec_is_as_published():
-    scores = {"heldout": {"slices": 1, "metrics": {"psnr_display": {"mean": 30.0}}}}
-    job = {"label": "neumip recipe=paper", "codec": "neumip", "settings": {"recipe": "paper"}, "scores": scores}
-    caption = contact._caption(job | {"bytes": {"total": 64}, "shape": [8, 8]})
-    assert caption.startswith("neumip, as published: 30.00 dB")
