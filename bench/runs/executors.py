@@ -221,7 +221,9 @@ class Processes(Executor):
                     case "progress":
                         show(*value)
                     case "error":
-                        raise value
+                        error, trace = value
+                        error.add_note(trace)
+                        raise error
                     case _:
                         return value
 
@@ -286,8 +288,7 @@ def _serve(pipe: Connection, threads: int, gpu: dict[str, str]) -> None:
         try:
             pipe.send(("answer", call()))
         except BaseException as error:  # of the call, or of an answer that cannot be sent
-            error.add_note("".join(traceback.format_exception(error)))
-            pipe.send(("error", error))
+            pipe.send(("error", (error, traceback.format_exc())))
 
 
 def _end_with_parent() -> None:
