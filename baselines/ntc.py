@@ -19,6 +19,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from baselines.pyramids import mixed_rows
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
@@ -198,8 +199,7 @@ class Reader(nn.Module):
         """The network's inputs (n, 4 · F + C + 12) for texels (n,), given the grids (points, F) and (points, C)."""
         fine_points = fine.index_select(0, self.fine[texel].flatten()).unflatten(0, (-1, 4))  # (n, 4, F)
         of_fine = fine_points.flatten(1)  # (n, 4 · F)
-        coarse_points = coarse.index_select(0, self.coarse[texel].flatten()).unflatten(0, (-1, 4))  # (n, 4, C)
-        of_coarse = (coarse_points * self.weight[texel][..., None].to(coarse_points.dtype)).sum(1)  # (n, C)
+        of_coarse = mixed_rows(coarse, self.coarse[texel], self.weight[texel])  # (n, C)
         return torch.cat([of_fine, of_coarse, self.place[texel].to(of_fine.dtype)], 1)
 
 

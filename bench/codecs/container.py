@@ -184,7 +184,6 @@ def _check_parts(codec: "Encoder", parts: object) -> None:
     encode: Callable[..., object] = codec.train if isinstance(codec, SharedNetwork) else codec.encode
     if not isinstance(parts, Parts):
         raise answered(encode, parts, "Parts of tensors, as Parts(texture={...})", EncodeError)
-    stored: dict[str, Tensor] = {}  # those checked so far, by "part/name"
     for part in PARTS:
         tensors_of_part = getattr(parts, part)
         if not isinstance(tensors_of_part, dict):
@@ -198,32 +197,15 @@ def _check_parts(codec: "Encoder", parts: object) -> None:
             if not isinstance(value, Tensor):
                 due = "a tensor (torch.from_numpy makes one of an array)"
                 raise answered(encode, f"Parts whose {full} is of type {type(value).__name__}", due, EncodeError)
-            fault = _fault_of_tensor(value) or _overlap_in_words(value, stored)
+            fault = _fault_of_tensor(value)
             if fault:
                 raise EncodeError(f"codec {codec.name}: {full} {fault}")
-            stored[full] = value
 
 
 def _encodable(name: str) -> bool:
     """Whether a file can hold a name: a byte that is not UTF-8, as in some file names, cannot be written."""
     # Encoding with "ignore" drops every character that UTF-8 cannot write, so such a name comes back shorter.
     return name == name.encode("utf-8", "ignore").decode()
-
-
-def _overlap_in_words(tensor: "Tensor", stored: "dict[str, Tensor]") -> str:
-    """Which of the stored tensors, by "part/name", shares its memory with a tensor, and what to do; "" if none does."""
-    for name, other in stored.items():
-        if _overlap(tensor, other):
-            return f"shares its memory with {name}: store one of them, or a .clone()"
-    return ""
-
-
-def _overlap(tensor: "Tensor", other: "Tensor") -> bool:
-    """Whether two contiguous tensors overlap in memory. Any other tensor is copied before it is written, so False."""
-    if not (tensor.is_contiguous() and other.is_contiguous() and tensor.numel() and other.numel()):
-        return False
-    begin, begin_of_other = tensor.data_ptr(), other.data_ptr()  # addresses in memory
-    return begin < begin_of_other + other.nbytes and begin_of_other < begin + tensor.nbytes
 
 
 def _fault_of_tensor(tensor: "Tensor") -> str:

@@ -151,18 +151,20 @@ def read_alpha(files: Files, name: str) -> Array:
     """
     header = _header(files, name, is_colour=False)
     label = files.label(name)
+    no_alpha = InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")
+    if header.kind != "png":
+        raise no_alpha
     with readable(label, _DAMAGED):
         from PIL import Image
 
-        picture = None
-        if header.kind == "png":
-            data = files.read(name)
-            _refuse_late_orientation(data, header, label)
-            picture = Image.open(io.BytesIO(data), formats=["PNG"])
-        # A PNG has alpha as a channel, or as transparent colours, which Pillow does not read of grey of 16 bits.
-        has_colours = picture is not None and "transparency" in picture.info and not picture.mode.startswith("I")
-        if picture is None or not ("A" in picture.getbands() or has_colours):
-            raise InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")
+        data = files.read(name)
+        _refuse_late_orientation(data, header, label)
+        picture = Image.open(io.BytesIO(data), formats=["PNG"])
+        # A PNG has alpha as a channel, or as transparent colours. Without a palette, Pillow compares these with codes
+        # that it scaled to 8 bits, and so finds none of them in pictures of 2, 4 or 16 bits.
+        is_compared = picture.mode in ("1", "P") or data[PNG_BITS] == 8
+        if "A" not in picture.getbands() and not ("transparency" in picture.info and is_compared):
+            raise no_alpha
         alpha = np.asarray(picture.convert("RGBA"))[..., 3]
     return upright(np.asarray(alpha / 255, np.float32), header.orientation)
 

@@ -161,11 +161,11 @@ class Quits(MeanColour):
     def encode(self, btf, fit):
         sys.exit(0)
 
-class Shares(MeanColour):
-    name = "shares"
+class Stores(MeanColour):
+    name = "stores"
     def encode(self, btf, fit):
         mean = super().encode(btf, fit).texture["mean"]
-        return Parts(texture={"mean": mean}, other={"same": mean})
+        return Parts(texture={"mean": mean}, other={"x": mean.to(torch.uint16)})
 """
 
 
@@ -203,11 +203,11 @@ def test_a_codec_that_cannot_be_made_or_cannot_decode_is_one_line(tmp_path, monk
 
 
 def test_the_command_ends_with_3_and_one_line_and_with_debug_the_traceback(tmp_path, monkeypatch, capsys):
-    codecs = {"quits": "faulty:Quits", "shares": "faulty:Shares"}
+    codecs = {"quits": "faulty:Quits", "stores": "faulty:Stores"}
     monkeypatch.syspath_prepend(install(tmp_path / "site", "faulty", codecs, {"faulty": FAULTY}))
     monkeypatch.chdir(tmp_path)
     words = ["encode", "satin", "--set", "data.size=8", "--set", "data.views=3", "--set", "data.lights=3"]
-    for name, says in (("quits", "ends the process with exit code 0"), ("shares", "other/same shares its memory")):
+    for name, says in (("quits", "ends the process with exit code 0"), ("stores", "other/x is of type uint16")):
         assert cli.main([*words, "--codec", name, "-o", "a.nbtf"]) == 3
         error = capsys.readouterr().err
         assert f"codec {name}" in error

@@ -200,7 +200,6 @@ def quits(self, btf, fit):
         (holds(parameters=1280), "declares 1,280 parameters, holds 640 in modules"),
         (Coarse, "declares 0 texture channels, stores 3"),
         (with_method("encode", quits), "it ends the process with exit code 0: raise an error instead"),
-        (storing(lambda mean: {"same": mean}), "other/same shares its memory with texture/mean"),
         (storing(lambda mean: {"x": mean.float() / 0 * 0}), "other/x holds 192 of 192 numbers that are not finite"),
         (storing(lambda mean: {"x": mean.to(torch.float8_e4m3fn)}), "other/x is of type float8_e4m3fn, which a file"),
         (storing(lambda mean: {"x": mean.float().to(torch.uint16)}), "other/x is of type uint16, which a file"),

@@ -253,9 +253,12 @@ def test_a_jpeg_of_12_bits_or_without_loss_is_refused_by_that_word(tmp_path):
             picture_size(FolderFiles(tmp_path), "a.jpg")
 
 
-def test_a_transparent_grey_of_16_bits_is_no_alpha(tmp_path):
+@pytest.mark.parametrize(("greyscale", "bits"), [(True, 16), (True, 4), (False, 16)])
+def test_a_transparent_colour_of_other_than_8_bits_is_no_alpha(tmp_path, greyscale, bits):
+    transparent = 7 if greyscale else (7, 7, 7)
+    row = [7] * (4 if greyscale else 12)
     with (tmp_path / "a.png").open("wb") as stream:
-        png.Writer(4, 3, greyscale=True, bitdepth=16, transparent=7).write(stream, np.full((3, 4), 7).tolist())
+        png.Writer(4, 3, greyscale=greyscale, bitdepth=bits, transparent=transparent).write(stream, [row] * 3)
     with pytest.raises(InputError, match=r"a\.png: it has no alpha"):
         read_alpha(FolderFiles(tmp_path), "a.png")
 
