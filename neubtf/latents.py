@@ -1,4 +1,4 @@
-"""The channels of a neural texture as a picture."""
+"""The channels of a neural texture as a picture in colour."""
 
 import math
 from pathlib import Path
@@ -31,7 +31,10 @@ def display_values(texture: Tensor) -> Tensor:
 
 
 def _cells(texture: Tensor) -> np.ndarray:
-    """The channels of a texture (H, W, D) as pictures (h, w, D), uint8, shrunk or enlarged to about `SIDE` pixels."""
+    """The channels of a texture (H, W, D), three a picture, as pictures in colour (n, h, w, 3), uint8.
+
+    They are shrunk or enlarged to about `SIDE` pixels. Channels that the last picture lacks are black there.
+    """
     channels = display_values(texture).numpy()  # from 0 to 1
     longest = max(channels.shape[:2])
     if longest >= 2 * SIDE:
@@ -40,23 +43,25 @@ def _cells(texture: Tensor) -> np.ndarray:
             channels = box_filter(channels, shrink)
     grow = math.ceil(SIDE / max(channels.shape[:2]))  # pixels a side of a texel, rounded up
     bytes_of_texels = (channels * WHITE).round().astype(np.uint8)
-    return bytes_of_texels.repeat(grow, 0).repeat(grow, 1)
+    lacking = -bytes_of_texels.shape[2] % 3
+    colours = np.pad(bytes_of_texels, ((0, 0), (0, 0), (0, lacking))).repeat(grow, 0).repeat(grow, 1)
+    return colours.reshape(*colours.shape[:2], -1, 3).transpose(2, 0, 1, 3)
 
 
 def sheet(texture: Tensor) -> np.ndarray:
-    """The contact sheet (h, w) uint8 of a texture (H, W, D): channels row by row, about square."""
+    """The contact sheet (h, w, 3) uint8 of a texture (H, W, D): pictures of three channels row by row, about square."""
     cells = _cells(texture)
-    height, width, count = cells.shape
+    count, height, width, _ = cells.shape
     # Each cell has its gap above and at the left. The sheet is about square.
     framed_height, framed_width = height + GAP, width + GAP
     columns = round(np.sqrt(count * framed_height / framed_width))
     columns = min(count, max(1, columns))
     rows = math.ceil(count / columns)
-    framed = np.full((rows * columns, framed_height, framed_width), WHITE, np.uint8)
-    framed[:count, GAP:, GAP:] = cells.transpose(2, 0, 1)
-    by_row = framed.reshape(rows, columns, framed_height, framed_width).swapaxes(1, 2)  # (rows, h, columns, w)
-    page = by_row.reshape(rows * framed_height, columns * framed_width)
-    return np.pad(page, ((0, GAP), (0, GAP)), constant_values=WHITE)
+    framed = np.full((rows * columns, framed_height, framed_width, 3), WHITE, np.uint8)
+    framed[:count, GAP:, GAP:] = cells
+    by_row = framed.reshape(rows, columns, framed_height, framed_width, 3).swapaxes(1, 2)  # (rows, h, columns, w, 3)
+    page = by_row.reshape(rows * framed_height, columns * framed_width, 3)
+    return np.pad(page, ((0, GAP), (0, GAP), (0, 0)), constant_values=WHITE)
 
 
 def draw(texture: Tensor, out: Path) -> None:

@@ -1,6 +1,7 @@
 """draw the channels of a neural texture: a contact sheet PNG
 
-Each channel is brought to mean 0 and variance 1, and goes through 1 / (e^(1 - c) + 1), as in the NeuBTF paper.
+Each channel is brought to mean 0 and variance 1, and goes through 1 / (e^(1 - c) + 1); three channels are the red, the
+green and the blue of a picture, as in the NeuBTF paper.
 
 examples:
   neubtf-bench latents brick.nbtf
