@@ -214,7 +214,7 @@ def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys)
     assert cli.main([*words, "--codec", "neubtf-direct", "--steps", "20", "--jobs", "2"]) == 0
     said = capsys.readouterr().out
     first = said.index("2 of 2")
-    estimate = said.index("2 left")
+    estimate = said.index("2 of 2 jobs to do")
     assert first < estimate < said.index("satin/neubtf-direct ")
     assert "on a GPU: " in said
     command = said.splitlines()[-1]
