@@ -44,8 +44,10 @@ def _cells(texture: Tensor) -> np.ndarray:
     grow = math.ceil(SIDE / max(channels.shape[:2]))  # pixels a side of a texel, rounded up
     bytes_of_texels = (channels * WHITE).round().astype(np.uint8)
     lacking = -bytes_of_texels.shape[2] % 3
-    colours = np.pad(bytes_of_texels, ((0, 0), (0, 0), (0, lacking))).repeat(grow, 0).repeat(grow, 1)
-    return colours.reshape(*colours.shape[:2], -1, 3).transpose(2, 0, 1, 3)
+    padded = np.pad(bytes_of_texels, ((0, 0), (0, 0), (0, lacking)))
+    enlarged = padded.repeat(grow, 0).repeat(grow, 1)
+    height, width, _ = enlarged.shape
+    return enlarged.reshape(height, width, -1, 3).transpose(2, 0, 1, 3)
 
 
 def sheet(texture: Tensor) -> np.ndarray:

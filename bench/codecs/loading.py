@@ -46,10 +46,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         numbers += _count_numbers(needed.parts)
     try:
         with decoding(numbers):  # no decoder may have more weights than such a file can hold
-            try:
-                codec = codec_class(**header.settings)
-            except InputError as error:  # settings that this codec does not have
-                raise ContainerError(f"cannot be decoded: {error}: encode it again") from error
+            codec = _with_settings(codec_class, header)
             material = decoded(codec, dataclasses.replace(parts, network=needed), torch.device(device))
         _check_answers(material)
         if header.scene:
@@ -67,6 +64,14 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         what = said_by(error)
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
     return Loaded(header, material, needed)
+
+
+def _with_settings(codec_class: type[Codec], header: Header) -> Codec:
+    """The codec with the settings of a file. `ContainerError`, without its path, for some that the codec lacks."""
+    try:
+        return codec_class(**header.settings)
+    except InputError as error:
+        raise ContainerError(f"cannot be decoded: {error}: encode it again") from error
 
 
 def _codec_of(header: Header) -> type[Codec]:

@@ -207,7 +207,7 @@ class Processes(Executor):
 
         left: float | None = None  # seconds; the time to start the process does not count
         with ended_bars(self.show) as show:
-            _heard(worker, lambda: worker.pipe.send(call))
+            _heard(worker, partial(worker.pipe.send, call))
             while True:
                 waited_from = time.monotonic()
                 if not _heard(worker, partial(worker.pipe.poll, left)):

@@ -220,8 +220,12 @@ class _Session:
             if outcome.cached != "record" and outcome.record["job"] in recorded:
                 recorded = set()  # code or data changed since, so the other records will not hold either
             left = _time_left(time.monotonic() - start, fitted, len(waiting - recorded), at_once)
-            self.options.show(f"jobs{REMARK}{left}" if left else "jobs", count, total)
-            yield dataclasses.replace(outcome, progress=f"{count} of {total} jobs" + (f", {left}" if left else ""))
+            label, progress = "jobs", f"{count} of {total} jobs"
+            if left:
+                label += f"{REMARK}{left}"
+                progress += f", {left}"
+            self.options.show(label, count, total)
+            yield dataclasses.replace(outcome, progress=progress)
 
     def _outcomes(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """The outcome of each job as it ends; first of those whose codec could not be made."""

@@ -69,7 +69,8 @@ def test_the_jobs_left_are_told_and_after_a_fit_how_long_they_take(tmp_path):
     done = outcomes(tmp_path, replace(SUITE, seeds=(0, 1)), say=said.append)
     assert said == ["1 of 1 jobs to do", "3 of 4 jobs to do"]
     assert [o.progress for o in done if o.cached] == ["1 of 4 jobs"]  # it tells nothing of the others
-    assert [o.progress.partition(", ")[2] for o in done] == ["", *["about 1 min left"] * 2, ""]
+    told = [o.progress.partition(", ")[2] for o in done]
+    assert [re.sub(r"\d+", "N", words) for words in told] == ["", "about N min left", "about N min left", ""]
 
 
 @pytest.mark.parametrize(
