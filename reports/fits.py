@@ -18,7 +18,8 @@ from reports.values import Column, stale_jobs, written
 GOALS_DB = (30, 35)  # tables show how soon each is reached
 NOTE = (
     "Display PSNR of training samples, which the fit measures at times: it reached the goal at the given step or "
-    "earlier. Seconds hold for this machine, steps for any. If there are several seeds, this is the first."
+    "earlier. Seconds hold for this machine, steps for any. Memory: the most at once, of a CPU's whole process with "
+    "the BTF that it holds, or of a GPU. If there are several seeds, this is the first."
 )
 
 
@@ -30,6 +31,7 @@ class FitCurve(NamedTuple):
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
     direct: float  # share of the steps that NeuBTF's first stage takes, without its autoencoder; 0 without that stage
     published: bool  # whether it is by the recipe of the codec's paper
+    memory: float  # bytes at most while it was fitted; NaN where nobody counted them
 
 
 def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
@@ -47,7 +49,8 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
                     points.append((point["step"], point["seconds"], point["psnr"]))
             if points:
                 published = as_published(row.job)
-                curves.append(FitCurve(row.job["job"], row.label, points, _share_of_direct(row.job), published))
+                memory = row.job.get("fit_memory", nan)
+                curves.append(FitCurve(row.job["job"], row.label, points, _share_of_direct(row.job), published, memory))
         if curves:
             by_material[material.name] = curves
     return by_material
@@ -76,6 +79,7 @@ def fit_tables(run: Run) -> Iterator[Table]:
     stale = stale_jobs(run.jobs)
     columns = [Column("codec", "", "codec"), Column("end", "dB ↑", "psnr", 2)]
     columns += [Column("steps", "", "steps", 0), Column("time", "s ↓", "seconds", -2)]
+    columns.append(Column("memory", "MiB ↓", "memory", 0, ranked=False))
     for goal in GOALS_DB:
         columns.append(Column(f"to {goal} dB", "steps ↓", f"steps to {goal}", 0))
         columns.append(Column(f"to {goal} dB", "s ↓", f"seconds to {goal}", -2))
@@ -85,9 +89,10 @@ def fit_tables(run: Run) -> Iterator[Table]:
 
 
 def _values_of_fit(fit: FitCurve) -> dict[str, str | float]:
-    """PSNR, steps and seconds at the end of a fit, then steps and seconds to each goal; NaN for one not reached."""
+    """PSNR, steps, seconds and memory at the end of a fit, then steps and seconds to each goal; NaN without one."""
     steps, seconds, psnr = fit.points[-1]
     row: dict[str, str | float] = {"codec": fit.label, "psnr": psnr, "steps": steps, "seconds": seconds}
+    row["memory"] = fit.memory / 2**20
     for goal in GOALS_DB:
         reached = [(step, second) for step, second, quality in fit.points if quality >= goal]
         row[f"steps to {goal}"], row[f"seconds to {goal}"] = reached[0] if reached else (nan, nan)

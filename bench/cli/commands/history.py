@@ -1,13 +1,11 @@
-"""collect the records of many runs: one table, CSV or Parquet, or plots over revisions
+"""show how each codec did from run to run: a table, or plots over revisions
 
-Prints the numbers of each codec from run to run. With `--plot` it draws quality, bytes and time of each codec over the
-revisions into a folder: a figure a material as PNG and SVG, and a page, history.html. With `--out` it writes every
-number of every job into FILE.csv, or into FILE.parquet if pyarrow is installed. In a notebook, `bench.load_runs(paths)`
-gives the same as a pandas frame.
+With `--plot` it draws quality, bytes and time of each codec over the revisions into a folder: a figure a material as
+PNG and SVG, and a page, history.html. In Python, `bench.load_runs(paths)` has every number of every job as a pandas
+frame, which `to_csv` or `to_parquet` writes.
 
 examples:
   neubtf-bench history runs/*
-  neubtf-bench history runs/* -o all.csv
   neubtf-bench history runs/* --plot plots
 """
 
@@ -21,8 +19,7 @@ from tabulate import tabulate
 
 from bench.cli.commands import say_line
 from bench.compare.frame import load_runs
-from bench.files.atomic import replacing
-from bench.inputs.errors import FINE, NOTHING, InputError, installed, visible, writable
+from bench.inputs.errors import FINE, NOTHING, visible, writable
 from bench.metrics import in_decibels, is_relative, label_of
 from bench.records import grouped, load_run
 from reports import write_history
@@ -32,39 +29,23 @@ from reports.numbers import NONE
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command to its parser."""
     parser.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs, or files of records (.jsonl)")
-    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="write everything as FILE.csv or FILE.parquet")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw each codec over the revisions")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print, write or plot the records of many runs; returns `FINE`, or `NOTHING` if they have no jobs."""
-    if options.out and options.out.suffix not in (".csv", ".parquet"):
-        raise InputError(f"--out {options.out}: the name must end in .csv or .parquet")
+    """Print or plot the records of many runs; returns `FINE`, or `NOTHING` if they have no jobs."""
     frame = load_runs(options.runs)
     if frame.empty:
         print("these runs have no records of jobs")
         return NOTHING
-    if options.out:
-        _write_frame(frame, options.out)
-        say_line(f"wrote {options.out}: {len(frame):,} jobs, {len(frame.columns):,} columns")
-    if options.plot:
-        with writable(options.plot, "choose another --plot"):
-            written = write_history([load_run(run) for run in options.runs], options.plot)
-        for path in written:
-            say_line(f"wrote {path}")
-    if not (options.out or options.plot):
+    if not options.plot:
         print(_table_of_means(frame))
+        return FINE
+    with writable(options.plot, "choose another --plot"):
+        written = write_history([load_run(run) for run in options.runs], options.plot)
+    for path in written:
+        say_line(f"wrote {path}")
     return FINE
-
-
-def _write_frame(frame: pd.DataFrame, path: Path) -> None:
-    """Write the frame as CSV if the path ends in .csv, else as Parquet."""
-    needs = installed(f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv")
-    with needs, writable(path, "choose another --out"), replacing(path) as partial:
-        if path.suffix == ".csv":
-            frame.to_csv(partial, index=False)
-        else:
-            frame.to_parquet(partial, engine="pyarrow", index=False)
 
 
 def _table_of_means(frame: pd.DataFrame) -> str:

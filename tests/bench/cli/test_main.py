@@ -358,7 +358,6 @@ def test_no_command_writes_over_a_file_of_another_kind(tmp_path, folder, monkeyp
         ["compare", "run", "run", "--markdown"],
         ["compare", "run", "run", "--junit"],
         ["figure", "rate", "run", "-o"],
-        ["history", "run", "-o"],
         ["results", "pack", "run", "-o"],
         ["results", "add", "run"],
         ["compare", "--update", "run", "-o"],
