@@ -216,7 +216,10 @@ def _formatted(tables: Iterable["Table | None"], format: str, choice: "Choice | 
 
 
 def score_text(record: "Job") -> str:
-    """The tables of a codec file that was scored outside a run: bytes, quality, errors by direction and footprint."""
+    """The tables of a codec file that was scored outside a run: bytes, quality, errors by direction and footprint.
+
+    The record has the fields that every job of a run has, such as `job` and `status`.
+    """
     from bench.records import Records, Run
     from reports.terminal import scored
 

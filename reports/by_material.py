@@ -63,7 +63,7 @@ class Measure(NamedTuple):
     pair: str = _DEVIATION  # how that stands after the first
     second_digits: int | None = None
     is_interval: bool = False  # whether the two numbers are the ends of an interval
-    native: str = ""  # what the file in which the measured data came has for it: its `rank`, `bytes` or `bits` a texel
+    native: str = ""  # what the file in which the measured data came has for it: its `rank` or `bytes`
     sparse: bool = False  # whether to leave the column out if no row has a number for it
     timed: bool = False  # whether it is a time, which gets a star and no mark if it was measured apart from the others
     stated: bool = False  # whether it is a statistic over slices, which may be exact or not applicable
@@ -143,7 +143,8 @@ class Measure(NamedTuple):
         if self.timed and record["unlike time"] and not isnan(value):
             return nan, NOT_COMPARABLE
         if self.field.startswith("scene/metrics/") and isnan(value) and isinstance(record["scene/name"], str):
-            return inf, ""
+            is_exact = in_decibels(self.field.rpartition("/")[2])  # others lack a pixel whose window the frames hold
+            return (inf, "") if is_exact else (nan, NOT_APPLICABLE)
         if self.stated:
             group = self.field.rpartition("/")[0]
             counts = {name: record[f"{group}/{name}"] for name in ("exact", "slices")}
@@ -158,7 +159,7 @@ class Measure(NamedTuple):
 _PARAMETERS = Measure("decoder", "param.", "parameters")
 _CHANNELS = Measure("tex.", "chan.", "cost/texture_channels", native="rank")
 _TOTAL = Measure("total", "bytes ↓", "bytes/total", native="bytes")
-_BITS = Measure("bits per", "texel ↓", "bits", -4, native="bits")
+_BITS = Measure("bits per", "texel ↓", "bits", -4)
 _SIZE = (
     _PARAMETERS,
     _CHANNELS,
@@ -488,10 +489,8 @@ def _in_addition(job: Job, measures: Sequence[Measure]) -> Iterator[dict[str, An
     native = job.get("provenance", {}).get("native")  # its `bytes`, its `rank`, and its `name` from some readers
     shown = [measure for measure in measures if measure.native]
     if native and shown:
-        height, width = job["shape"]
-        facts = native | {"bits": 8 * native["bytes"] / (height * width)}  # a texel
         name = native.get("name", "dfmf")  # only the reader of UBO2014, whose files are of this format, gives no name
-        yield empty | {"codec": f"{name} (native)"} | {measure.field: facts[measure.native] for measure in shown}
+        yield empty | {"codec": f"{name} (native)"} | {measure.field: native[measure.native] for measure in shown}
     psnr = [measure.field for measure in measures if measure.name == "PSNR"]
     if "black" in job and psnr:
         yield empty | {"codec": "black"} | dict.fromkeys(psnr, job["black"])

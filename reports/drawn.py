@@ -44,6 +44,7 @@ CM = 1 / 2.54  # a centimetre in inches
 # The margins of plots whose width is chosen, in inches:
 LEFT = 0.75
 RIGHT = 0.1
+LEAST_AXES = 0.35  # between them
 TITLE = 0.6  # above, with room for two lines of words
 LABELS = 0.55  # below, with room for two lines of words
 PLOT = 0.75  # the height of a plot as a share of its width without the left margin
@@ -118,8 +119,11 @@ def _scale(drawing: Drawing, width: float, texts: Sequence[Text]) -> None:
 def _narrow(drawing: Drawing, width: float) -> None:
     """Lay plots out at a width in inches, in place: texts keep their size in points, legends move below the axes.
 
-    Beside axes that are narrower than in a report there is no room for a legend.
+    Beside axes that are narrower than in a report there is no room for a legend. `InputError` for no room for axes.
     """
+    least = LEFT + RIGHT + LEAST_AXES
+    if width < least:
+        raise InputError(f"--width {width / CM:g}: plots need at least {least / CM:.1f} cm")
     legends = [legend for legend in (axes.get_legend() for axes in drawing.axes) if legend is not None]
     drawing.set_figwidth(width)
     # The height: room for the title, the axes, their labels, and below these the largest legend.

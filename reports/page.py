@@ -68,10 +68,10 @@ def document(
     data follow: `data`, then one that has `codecs` (how each is drawn) and `plots`. `data` is read only as the pieces
     are, so each element is made when its turn comes.
     """
-    viewer = fragment()
+    viewer_css, viewer_script = fragment()
     folder = files("reports") / "web"
-    styles = [(folder / "report.css").read_text("utf-8"), viewer.css]
-    scripts = [viewer.script]
+    styles = [(folder / "report.css").read_text("utf-8"), viewer_css]
+    scripts = [viewer_script]
     scripts += [(folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
     all_data = chain(data, _plot_data(codecs, plots))
     page = TEMPLATES.get_template(template)

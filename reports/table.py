@@ -130,6 +130,8 @@ class Table:
             return self
         short = {label: " ".join(word for word in label.split() if word not in common) for label in labels}
         rows = [[*row[:column], short[row[column]], *row[column + 1 :]] for row in self.rows]
+        # Notes name a stale label without its mark.
+        short = {label.removesuffix(STALE): text.removesuffix(STALE) for label, text in short.items()}
         longest_first = sorted(short, key=len, reverse=True)  # a label may begin with another one
         notes = []
         for note in self.notes:

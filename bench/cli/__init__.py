@@ -106,20 +106,25 @@ def _run(words: list[str]) -> int:
 
 # The options that name a file to write.
 _WRITTEN = ("out", "json", "markdown", "junit", "picture", "copy")
+# Those that name a BTF or maps, which may be a folder of pictures.
+_PICTURES = ("btf", "folder", "material", "path", "truth")
 
 
 def _refuse_overwriting(options: argparse.Namespace) -> None:
     """Raise an `InputError` if a file to write is one of the files to read: a measurement would be lost."""
-    inputs: list[str | os.PathLike[str]] = []  # all words that may be files or folders to read
+    inputs: list[str | os.PathLike[str]] = []  # all words that may be files to read
+    folders: list[str | os.PathLike[str]] = []  # those that may be folders of pictures to read
     for name, value in vars(options).items():
         if name not in _WRITTEN:
             words = value if isinstance(value, list) else [value]
-            inputs += [word for word in words if isinstance(word, str | os.PathLike)]
+            paths = [word for word in words if isinstance(word, str | os.PathLike)]
+            inputs += paths
+            folders += paths if name in _PICTURES else []
     for written in _WRITTEN:
         out = getattr(options, written, None)
         if out is None or not os.path.isfile(out):
             continue
-        if any(_same_file(word, out) or _is_read_in(word, out) for word in inputs):
+        if any(_same_file(word, out) for word in inputs) or any(_is_read_in(word, out) for word in folders):
             remedy = f"give --{written} another name"
             raise InputError(f"{out}: this file is read, so it cannot be written, too: {remedy}")
 

@@ -4,6 +4,7 @@ from typing import Any
 
 from bench.codec import Codec, described_settings
 from bench.codecs import registry
+from bench.inputs import plugins
 from bench.inputs.errors import InputError
 
 _SUITE = """@software{neubtfbench,
@@ -29,7 +30,7 @@ def described_codecs() -> dict[str, dict[str, Any]]:
         cited = registry.reference(entry)
         if not cited["bibtex"] and not registry.from_outside(name):
             cited["bibtex"] = _SUITE  # of this suite, without a paper of its own
-        origin = f"{entry.value} of {registry.origin(entry)}"
+        origin = f"{entry.value} of {plugins.origin(entry)}"
         descriptions[name] = {"about": about, "origin": origin, "settings": settings} | cited
     return descriptions
 

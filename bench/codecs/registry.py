@@ -34,13 +34,13 @@ def codec_entries() -> dict[str, EntryPoint]:
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
     """Import the class of a codec. `InputError`, beginning with `wanted_by`, if no codec has the name, or if its class
     has another name or no version; `CodecError` if it cannot be imported."""
-    return _imported_class(_entry(name, wanted_by), wanted_by)
+    return _imported_class(entry_of(name, wanted_by), wanted_by)
 
 
 def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
     """Make a codec with some settings. `InputError` if they are invalid or no codec has the name, `CodecError` if the
     codec fails."""
-    entry = _entry(name)
+    entry = entry_of(name)
     try:
         return _imported_class(entry)(**settings)
     except InputError:
@@ -49,7 +49,7 @@ def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
         raise CodecError(f"{codec_in_words(entry)} fails with the settings {settings}: {said_by(error)}") from error
 
 
-def _entry(name: str, wanted_by: str = "") -> EntryPoint:
+def entry_of(name: str, wanted_by: str = "") -> EntryPoint:
     """The entry point of a codec, or of `COMMAND`. `InputError`, beginning with `wanted_by`, if there is none."""
     entries = codec_entries()
     if name == COMMAND:
@@ -101,11 +101,6 @@ def from_outside(name: str) -> bool:
 def codec_in_words(entry: EntryPoint) -> str:
     """The name of a codec in errors, with its distribution."""
     return plugins.called(entry, "codec")
-
-
-def origin(entry: EntryPoint) -> str:
-    """The distribution of a codec and its version: `neubtf-bench 0.1.0`."""
-    return plugins.origin(entry)
 
 
 def describe(entry: EntryPoint) -> str:

@@ -1,4 +1,4 @@
-"""A material fitted to a scene: maps queries of the whole texture to the stored window, and counts those outside."""
+"""A material fitted to a scene: maps queries of the whole texture to the stored window, and warns of those outside."""
 
 import logging
 from typing import Any
@@ -18,7 +18,7 @@ class SceneMaterial(Wrapped):
     """Wraps the decoded material of a window of the texture; see `bench.demand.needed_part`.
 
     A query is far outside the scene's demand if its direction is over a map cell away from every demanded one, or its
-    position or footprint was left out. Such queries get the nearest stored answer, are counted, and reported once.
+    position or footprint was left out. Such queries get the nearest stored answer, and are reported once.
     """
 
     def __init__(self, inner: Material, scene: dict[str, Any], name: str):
@@ -37,8 +37,6 @@ class SceneMaterial(Wrapped):
         # Whether each cell of the map of directions was demanded: (CELLS²,) bool, indexed by `cell_of`.
         self.views = torch.from_numpy(from_hex(scene["views"])).flatten()
         self.lights = torch.from_numpy(from_hex(scene["lights"])).flatten()
-        self.queried = 0  # queries so far, and those of them that are far outside
-        self.outside = 0
         self.reports = True  # until the first warning
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> Material:
@@ -46,12 +44,12 @@ class SceneMaterial(Wrapped):
         return super().to(device, dtype)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        if not torch.compiler.is_compiling():  # the counts are no part of what is compiled
-            self._count(uv, wo, wi, footprint)
+        if self.reports and not torch.compiler.is_compiling():  # a warning is no part of what is compiled
+            self._warn_outside(uv, wo, wi, footprint)
         return self.inner.evaluate(self.window.within(uv), wo, wi, footprint * self.window.stretch)
 
-    def _count(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
-        """Add to `queried` and `outside`; warn at the first query outside."""
+    def _warn_outside(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
+        """Warn, once, if some of the queries are far outside."""
         # A direction is inside if its cell of the map was demanded.
         inside = self.views.index_select(0, cell_of(wo)) & self.lights.index_select(0, cell_of(wi))
         if not self.window.full:
@@ -60,9 +58,7 @@ class SceneMaterial(Wrapped):
         if self.window.factor > 1:
             inside &= footprint >= self.finest
         outside = len(uv) - int(inside.count_nonzero())
-        self.queried += len(uv)
-        self.outside += outside
-        if outside and self.reports:
+        if outside:
             self.reports = False
             fault = f"{outside} of {len(uv)} queries lie far outside the scene that it was fitted to"
             remedy = "take the full model, or fit it to the demand of this scene"

@@ -19,7 +19,7 @@ from bench.compare.quantities import Tolerance
 from bench.compare.rows import ORDER, ComparedRow, advice, compare_row, gravest_verdict, multiples
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
-from bench.records import Job, Run, RunStart, Stress, by_row, codec_of, grouped, require
+from bench.records import Job, Run, RunStart, Stress, by_row, codec_of, grouped, planned_jobs, require
 
 FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
 
@@ -89,6 +89,7 @@ def compare(
     times_after = multiples(after, new.timings)
     declared_seeds = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
     expected_seeds = declared_seeds or {job["seed"] for job in after}  # if no start says its seeds
+    planned = grouped(chain.from_iterable(map(planned_jobs, new.starts)), lambda job: (job.material, job.label))
 
     # Each row of either run, by material and label, with its jobs in the order of their seeds.
     rows_before = by_row(sorted(before, key=lambda job: job["seed"]))
@@ -96,7 +97,9 @@ def compare(
     rows = []
     for key in _rows_in_order([*before, *after]):
         timing = advice(times_before.get(key), times_after.get(key))
-        row = compare_row((base, new), rows_before.get(key, []), rows_after.get(key, []), expected_seeds, timing)
+        # A codec may have seeds of its own.
+        seeds = {job.seed for job in planned.get(key, []) if job.seed is not None} or expected_seeds
+        row = compare_row((base, new), rows_before.get(key, []), rows_after.get(key, []), seeds, timing)
         rows.append(replace(row, allowed=any(_pattern_names(pattern, row) for pattern in allow)))
     return Comparison(rows, list(_notes(base, new, rows)), means(rows))
 
@@ -250,10 +253,10 @@ def _identity(job: Job) -> tuple[str, ...]:
 
 
 def check_whole(base: Run) -> None:
-    """Raise `InputError` if a line of the base is damaged: nothing would be judged against it."""
+    """Raise `InputError` if a line of the base is damaged: its jobs would be lost without a word."""
     if base.unreadable:
         lines = ", ".join(map(str, base.unreadable))
-        why = f"line(s) {lines} cannot be read, so new results of their jobs would not be judged"
+        why = f"line(s) {lines} cannot be read, so their jobs would be lost"
         remedy = "get the file again, or remove the lines if no job is lost"
         raise InputError(f"{base.folder / base.file}: {why}: {remedy}")
 

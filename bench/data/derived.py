@@ -180,9 +180,13 @@ class Repaired(Source):
             return picture, 0
         if bad.all((0, 1)).any():  # a channel of which no texel is left to take the mean of
             fault = "a channel without finite values cannot be repaired"
-            raise InputError(f"{self.name}: pair {pair}: {fault}: leave the pair out")
+            raise InputError(f"{self.name}: pair {self.number(pair)}: {fault}: leave the pair out")
         mean = np.mean(picture, (0, 1), where=~bad, dtype=np.float64)
         return np.where(bad, mean, picture).astype(np.float32), int(bad.sum())
+
+    def number(self, pair: int) -> int:
+        """The number of a pair in the file, which may hold more pairs."""
+        return int(self.source.pairs[pair]) if isinstance(self.source, _Chosen) else pair
 
     def fingerprint(self) -> str:
         return hashlib.sha256(f"{self.source.digest} repaired".encode()).hexdigest()
@@ -195,16 +199,15 @@ def repaired(btf: BTF, show: Progress = silent) -> BTF:
     `InputError` for a pair of which a channel has no finite value.
     """
     source = Repaired(btf.source, btf.name)
-    masked_values: dict[int, int] = {}  # index of a pair in the BTF → how many of its values are masked
+    masked_values: dict[int, int] = {}  # number of a pair in the file → how many of its values are masked
     source_pairs = btf.pairs.tolist()  # the source may hold more pairs than the BTF
-    watched_pairs = followed(show, source_pairs, "looking for values that are not finite", len(btf))
-    for index, source_pair in enumerate(watched_pairs):
+    for source_pair in followed(show, source_pairs, "looking for values that are not finite", len(btf)):
         _, count = source.mended(source_pair)
         if count:
-            masked_values[index] = count
+            masked_values[source.number(source_pair)] = count
     if not masked_values:
         return btf
-    listed = ", ".join(str(index) for index in list(masked_values)[:MOST_LISTED])
+    listed = ", ".join(str(number) for number in list(masked_values)[:MOST_LISTED])
     if len(masked_values) > MOST_LISTED:
         listed += ", …"
     total = sum(masked_values.values())

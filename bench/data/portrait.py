@@ -273,7 +273,9 @@ def _exposed(btf: BTF, values: list[Array], is_small: bool) -> Exposed:
     if not is_small:
         return exposed(values, exposure_of(np.stack(values)))
     split = btf.split()
-    test = np.concatenate([*split.heldout.values()]) if split.heldout else np.arange(len(btf))
+    test = np.concatenate([np.empty(0, int), *split.heldout.values()])
+    if not len(test):
+        test = np.arange(len(btf))
     return exposed((btf[int(pair)] for pair in test), exposure(btf.subset(split.train)))
 
 

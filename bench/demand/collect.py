@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.btf import Array
 from bench.codec import Progress, followed, silent
-from bench.demand.demand import CELLS, FARTHEST, NAMES, Demand, unit
+from bench.demand.demand import CELLS, FARTHEST, NAMES, SNORM, Demand, is_lit, unit
 from bench.inputs.errors import InputError
 
 QUERIES = 250_000  # the most queries of a demand that a command collects
@@ -163,7 +163,7 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
     columns: dict[str, Any] = {}
     for name in NAMES:
         columns[name] = np.concatenate([part[name] for part in parts])
-    if not len(columns["pixel"]):
+    if not is_lit(columns["weight"], np.round(columns["wi"] * SNORM)):  # as a file will hold them
         raise InputError(f"{scene.name}: no light reaches the side of the material that the camera sees: move a light")
     provenance = {"scene": scene.name, "picture": list(scene.picture), "limit": limit, "seed": seed}
     demand = Demand(**columns, frames=(scene.frames, *size), provenance=provenance)

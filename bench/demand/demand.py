@@ -162,7 +162,7 @@ def _refuse_impossible(arrays: dict[str, np.ndarray], frames: tuple[int, int, in
         "footprint": ((footprint > 0) & (footprint <= FARTHEST)).all(),
         # Directions stored as whole numbers have a length of 1 up to rounding.
         "wo or wi": (directions[:, 2] >= 0).all() and (np.abs(length - 1) < 0.01).all(),
-        "weight": ((weight >= 0) & (weight <= BRIGHTEST)).all() and _is_lit(weight, arrays["wi"]),
+        "weight": ((weight >= 0) & (weight <= BRIGHTEST)).all() and is_lit(weight, arrays["wi"]),
         "pixel": ((pixel >= 0) & (pixel < math.prod(frames))).all(),
     }
     for name, holds in is_good.items():
@@ -170,7 +170,7 @@ def _refuse_impossible(arrays: dict[str, np.ndarray], frames: tuple[int, int, in
             raise InputError(f"{name} holds values out of range")
 
 
-def _is_lit(weight: np.ndarray, wi: np.ndarray) -> bool:
+def is_lit(weight: np.ndarray, wi: np.ndarray) -> bool:
     """Whether a white diffuser would send any light, under `weight` (n, 3) from directions `wi` (n, 3)."""
     return (weight.astype(np.float64) @ LUMA) @ wi[:, 2].astype(np.float64) > 0
 

@@ -89,18 +89,18 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     )
 
 
-def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
-    """Fit a codec to a demand on a BTF, instead of to all its pairs by `codec.encode`."""
-    return Problem.for_codec(codec, btf, demand, uniform).encode(codec, fit)
-
-
 def encode_of(codec: Codec, demand: Demand | None, uniform: float = UNIFORM) -> Encode:
     """What makes the parts of a codec's file: a fit to the demand if its settings ask for a scene, else its own
     `encode`. `InputError` if they ask for a scene and there is no demand."""
     require_demand(codec, demand)
-    if codec.scene and demand:
-        return partial(encode, codec, demand=demand, uniform=uniform)
-    return codec.encode
+    if not (codec.scene and demand):
+        return codec.encode
+
+    def to_scene(btf: BTF, fit: Fit) -> Parts:
+        """Fit the codec to the demand, instead of to all pairs of the BTF."""
+        return Problem.for_codec(codec, btf, demand, uniform).encode(codec, fit)
+
+    return to_scene
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Goal:
 
     def met(self, model: "Model") -> bool:
         """Whether a model reaches the goal; a FLIP of None was not measured."""
-        psnr_is_enough = self.psnr is None or model.psnr_or_infinite >= self.psnr
+        psnr_is_enough = self.psnr is None or model.psnr >= self.psnr
         flip_is_enough = self.flip is None or model.flip is None or model.flip <= self.flip
         return psnr_is_enough and flip_is_enough
 
@@ -123,15 +123,10 @@ class Model:
 
     header: Header
     material: Material
-    psnr: float | None  # of the frames, in dB; None without error
+    psnr: float  # of the frames, in dB, `MOST_DB` without error
     flip: float | None
     steps: int  # steps of the fit; 0 if it has none
     seconds: float  # of the fit, processor time
-
-    @property
-    def psnr_or_infinite(self) -> float:
-        """The PSNR in dB, to compare by; infinite without error."""
-        return np.inf if self.psnr is None else self.psnr
 
 
 @dataclass(frozen=True)
@@ -168,9 +163,9 @@ class Search:
         return Problem.for_codec(self.codec, self.btf, self.scorer.demand, self.uniform)
 
     def run(self, goal: Goal | None = None) -> SearchResult:
-        """Search; the default goal is the PSNR of the full model less `EQUAL_DB`, or no error if it has none."""
+        """Search; the default goal is the PSNR of the full model less `EQUAL_DB`."""
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
-        goal = goal or Goal(psnr=full.psnr_or_infinite - EQUAL_DB)
+        goal = goal or Goal(psnr=full.psnr - EQUAL_DB)
         models = list(self.ladder(goal))
         seconds = sum(model.seconds for model in models)
         scene, why = self._best_of(models, full, goal)
@@ -188,9 +183,8 @@ class Search:
         if full_meets:
             return None, "no model of the scene is as good"
         # Both miss the goal, so the better of the two is chosen.
-        finest = max(models, key=lambda model: model.psnr_or_infinite)
-        is_better = finest.psnr_or_infinite > full.psnr_or_infinite
-        return finest if is_better else None, "no model reaches the goal"
+        finest = max(models, key=lambda model: model.psnr)
+        return finest if finest.psnr > full.psnr else None, "no model reaches the goal"
 
     def ladder(self, goal: Goal) -> Iterator[Model]:
         """Fit models of the scene, and yield each.
@@ -225,8 +219,10 @@ class Search:
         header, seconds = fit_to_file(codec, self.btf, fit, path, how)
         material = without_warnings(loading.load(header.path, fit.device).material)
         score = self.scorer.score(material, (PSNR, FLIP))
+        psnr_of_frames = score[PSNR]
+        assert psnr_of_frames is not None  # its window is one pixel, and a demand sees some
         steps = int(fit.history[-1]["step"]) if fit.history else 0
-        return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
+        return Model(header, material, psnr_of_frames, score.get(FLIP), steps, seconds)
 
 
 def steps_of(codec: Codec) -> int:

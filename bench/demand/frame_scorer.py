@@ -138,7 +138,7 @@ class FrameScorer:
 
     def score(self, material: Material, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
         """Each metric of the frames over the pixels that show the material, pooled over frames. A metric whose window
-        is larger than a frame is left out; None means no error at all, or no pixel of the material inside its window.
+        is larger than a frame is left out; None means no pixel of the material inside its window or, in dB, no error.
         """
         return self.compare(self.frames(material), names)
 

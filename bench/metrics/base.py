@@ -136,15 +136,12 @@ class SliceMetric:
         return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
 
     def error_map(self, reference: Prepared, test: Array) -> Array:
-        """The map (..., H, W) of the difference; `test` is linear radiance of the reference's size, or a stack of such.
+        """The map (..., H, W) of the difference; `test` is linear radiance of the reference's shape.
         Raises `InputError` as `prepare` does, and if the sizes differ."""
         picture = Picture(test, reference.exposure, "test")
-        if picture.shape == reference.shape:
-            return self.compare(reference.side, picture)
-        # A stack of tests (n, H, W, 3) against one reference (H, W, 3): one after the other.
-        if picture.shape[1:] == reference.shape:
-            return np.stack([self.error_map(reference, one) for one in test])
-        raise InputError(f"test is {picture.shape}, but reference is {reference.shape}")
+        if picture.shape != reference.shape:
+            raise InputError(f"test is {picture.shape}, but reference is {reference.shape}")
+        return self.compare(reference.side, picture)
 
     def score(self, reference: Prepared, test: Array) -> Any:
         """The raw number, the mean of `error_map`: a float for one slice, an array for a stack."""

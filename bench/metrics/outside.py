@@ -4,10 +4,9 @@ They are imported when a suite or a record names one that is not built in.
 """
 
 import re
-import sys
 from collections.abc import Collection
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache
 from importlib.metadata import EntryPoint
 
 from bench.inputs import plugins
@@ -17,15 +16,9 @@ from bench.metrics.description import PERIODIC, Metric
 GROUP, KIND = "neubtf_bench.metrics", "metric"
 
 
+@cache  # tables ask for every cell
 def entries() -> dict[str, EntryPoint]:
     """The entry points of metrics by name. `InputError` if two packages use the same name."""
-    return _entries(tuple(sys.path))
-
-
-@lru_cache(maxsize=4)  # tables ask for every cell
-def _entries(path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """As `entries`, remembered for each import path."""
-    del path  # only part of the key: with another path, other packages are installed
     return plugins.entries(GROUP, KIND)
 
 
@@ -34,7 +27,7 @@ def metric_of_entry(entry: EntryPoint, families: Collection[str]) -> Metric:
 
     Raises `PluginError` that names the package, if the description cannot be imported or used.
     """
-    described = _imported_or_error(entry, tuple(sys.path))
+    described = _imported_or_error(entry)
     if isinstance(described, PluginError):
         raise described
     called = plugins.called(entry, KIND)
@@ -47,10 +40,9 @@ def metric_of_entry(entry: EntryPoint, families: Collection[str]) -> Metric:
     return replace(described, called=called)
 
 
-@lru_cache(maxsize=64)  # a package that cannot be imported is tried once
-def _imported_or_error(entry: EntryPoint, path: tuple[str, ...]) -> object:
+@cache  # a package that cannot be imported is tried once
+def _imported_or_error(entry: EntryPoint) -> object:
     """The object of an entry point, whatever it is, or the error of its import, so that both are remembered."""
-    del path
     try:
         return plugins.imported(entry, KIND)
     except PluginError as error:

@@ -67,7 +67,8 @@ AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 def jobs_with_results(run: Run, codecs: list[str]) -> Run:
     """A run reduced to its jobs with a result, and their timings; of some `codecs`, or of all if none are named.
 
-    `InputError` if no job is left, or if no start says how materials were prepared.
+    `InputError` if no job is left, if no start says how materials were prepared, or if a job lacks a field by which it
+    is verified.
     """
     with_results = [job for job in run.jobs if job["status"] == "ok"]
     chosen = {job["job"]: job for job in with_results if not codecs or job["codec"] in codecs}
@@ -78,6 +79,8 @@ def jobs_with_results(run: Run, codecs: list[str]) -> Run:
     # Whoever verifies the jobs prepares the same data, and needs the preparation for it.
     if not any("materials" in start for start in run.starts):
         raise InputError(f"{run.folder}: its records do not say how materials were prepared: run the suite again")
+    for job in chosen.values():
+        records.require(job, "verification", run.folder)
     timings = {timing["job"]: timing for timing in map(run.timing, chosen.values()) if timing}
     return dataclasses.replace(run, jobs=Records(chosen), timings=Records(timings))
 
@@ -152,12 +155,11 @@ def _belongs(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Verified:
-    """The verdict on one job: `AGREES`, `DIFFERS` or `NOT_VERIFIED`, why, and the record of the measurement here."""
+    """The verdict on one job: `AGREES`, `DIFFERS` or `NOT_VERIFIED`, and why."""
 
     job: str
     verdict: str
     why: str = ""
-    record: Job | None = None
 
 
 def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, str] | None = None) -> Iterator[Verified]:
@@ -257,11 +259,11 @@ def _verdict_by_scoring(
     reasons = list(differences(job, record))
     records.append(out, record)
     if not reasons:
-        return Verified(job["job"], AGREES, record=record)
+        return Verified(job["job"], AGREES)
     why = "; ".join(reasons[:MOST_REASONS])
     if len(reasons) > MOST_REASONS:
         why += f" and {len(reasons) - MOST_REASONS} more"
-    return Verified(job["job"], DIFFERS, why, record)
+    return Verified(job["job"], DIFFERS, why)
 
 
 def _measured_here(job: Job, workbench: Workbench, loaded: loading.Loaded, out: Path, show: Progress) -> Job:

@@ -59,7 +59,7 @@ def in_process() -> Iterator[Workers]:
 
 @contextmanager
 def processes(count: int, threads: int, device: str = "cpu", limit: float | None = None) -> Iterator[Workers]:
-    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one each in turn.
+    """Run jobs in `count` processes of this machine, with `threads` threads each; several on GPUs get one each.
 
     A job that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`; None: no limit.
     `InputError` for a count, limit or device that cannot be used so.
@@ -70,7 +70,7 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
         raise InputError(f"--jobs {count}: must be at least 1")
     kind, numbered, _ = device.partition(":")  # "cuda:1" is the second GPU, "cuda" is any
     gpus: list[dict[str, str]] = []
-    if is_gpu(device):
+    if is_gpu(device) and count > 1:
         if numbered:
             raise InputError(f"--device {device}: with --jobs each job has one of the GPUs: give --device {kind}")
         gpus = _gpu_variables(count, device)

@@ -15,7 +15,7 @@ import logging
 import platform
 import re
 import traceback
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -64,18 +64,27 @@ class Outcome:
 
 
 def work(task: Task, show: Progress = silent) -> Outcome:
-    """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`."""
+    """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`.
+
+    So does a material that cannot be opened, if the run has no other.
+    """
     if not lock.can_use_folder(task.folder, task.run):  # the worker is on another host, which lacks the folder
         raise lock.error_of_unseen_folder(task.folder, f"the worker on {platform.node()}")
     try:
         opening = Opening(
             task.run, task.material, task.data, task.repetition, task.metrics, task.demand, scorers=task.scorers
         )
-        with (
-            ended_bars(show) as show_in_bars,  # a bar that an error leaves unfinished is ended, too
-            open_workbench(opening, show_in_bars) as workbench,
-            restored_process_state(),  # a codec may change the process, which the next job uses
-        ):
+        with ExitStack() as opened:
+            show_in_bars = opened.enter_context(ended_bars(show))  # ends a bar that an error leaves unfinished
+            try:
+                workbench = opened.enter_context(open_workbench(opening, show_in_bars))
+            except MissingDataError:
+                raise
+            except InputError as error:
+                if task.only_material:
+                    raise
+                return failed_outcome(task, str(error), {"fit_key": {}})  # never matches: the next run tries again
+            opened.enter_context(restored_process_state())  # a codec may change the process, which the next job uses
 
             def show_of_job(label: str, done: int, total: int) -> None:
                 """Show the progress of this job under its name."""

@@ -37,7 +37,7 @@ from bench.inputs.errors import InputError
 from bench.machine.devices import require_present
 from bench.machine.threads import torch_threads
 from bench.material import Material
-from bench.records import ARTEFACT, Bytes, Job, SceneModel, field_names
+from bench.records import ARTEFACT, Bytes, Job, SceneModel, counted, field_names
 from bench.runs import executors, runner
 from bench.runs.evaluation import conditions, evaluate, record_of_scores, score_key
 from bench.runs.suite import load_suite, parse_suite, require_materials, with_changes
@@ -190,7 +190,7 @@ class SceneFit:
 
     search: fitting.SearchResult
     rows: list[SceneModel]
-    at_points: float | None  # PSNR in dB of the frames of the BTF itself, asked at points; None: no error
+    at_points: float  # PSNR in dB of the frames of the BTF itself, asked at points
     filters: bool  # whether the codec has a level of detail: its answers depend on the footprint
 
     def described(self) -> str:
@@ -210,7 +210,7 @@ class SceneFit:
     def _note_on_aliasing(self) -> str:
         """A sentence where a missing level of detail limits the frames, not the bytes; else ""."""
         frames = self.search.chosen.psnr
-        if self.filters or self.at_points is None or frames is None or frames < self.at_points - ALIASED_DB:
+        if self.filters or frames < self.at_points - ALIASED_DB:
             return ""
         return (
             f" The codec has no level of detail, which limits it here: without one the uncompressed BTF has "
@@ -255,7 +255,7 @@ def encode_for_scene(
         # Without figures of its own, the goal is relative to the full model, which the search fits first.
         result = search.run(None if wanted == fitting.Goal() else wanted)
         rows = fitting.rows(result, scorer, threads, held_out)
-        at_points = scorer.compare(scorer.at_points, (PSNR,))[PSNR]
+        at_points = counted(scorer.compare(scorer.at_points, (PSNR,))[PSNR])
         filters = scorer.filters(result.chosen.material)
         atomic.write(Path(out), result.chosen.header.path.read_bytes())
     return SceneFit(result, rows, at_points, filters)

@@ -16,6 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import torch
+
 from bench import records, timing
 from bench.codec import REMARK, Codec, Progress, silent
 from bench.codecs import container, shared
@@ -176,6 +178,7 @@ class _Session:
             demand=suite.demand,
             uniform=suite.uniform,
             metrics=suite.metrics,
+            only_material=len(suite.materials) == 1,
             device=options.device,
             scorers=scorers,
             fresh=options.fresh,
@@ -376,13 +379,19 @@ def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show:
     """The timing of each job's decoder, measured in this process; `folder` is the run's.
 
     A decoder whose network answers texels can also answer a query by one texel. It is timed so, too, and its record has
-    `ratio_at_one_texel`. Decoders that are other programs are left out.
+    `ratio_at_one_texel`. Decoders that are other programs are left out, and with a warning those that fail.
     """
     materials = {}
     for job in jobs:
         material = without_warnings(material_of_job(folder, job, device))
-        if not material.opaque:  # another program answers: its time would be that of exchanging files
-            materials[job["job"]] = material
+        if material.opaque:  # another program answers: its time would be that of exchanging files
+            continue
+        try:  # scoring asked for the pairs of the BTF, timing asks for any directions
+            material.query(*timing.random_queries(timing.batch_on(device), material.size, torch.device(device)))
+        except Exception as error:  # the results of all others must not be lost with it
+            log.warning("%s: not timed: %s: %s", job["job"], type(error).__name__, error)
+            continue
+        materials[job["job"]] = material
     if not materials:
         return []
     rows = []

@@ -78,9 +78,11 @@ class Clock:
 def time_variants(suite: Suite, folder: Path, device: str, minutes: float, show: Progress = silent) -> list[Timing]:
     """Time the variants of a suite's settings, on its first surface, and steps of fits; returns what it recorded.
 
-    Nothing is begun after `minutes`. `InputError` if another run uses the folder, if it cannot be written, or if the
-    surface cannot be opened to time steps of fits.
+    Nothing is begun after `minutes`. `InputError` if the suite has no surface, if another run uses the folder, if it
+    cannot be written, or if the surface cannot be opened to time steps of fits.
     """
+    if not suite.materials:
+        raise InputError(f"suite {suite.name}: it has no materials: name one")
     run = new_run()
     with lock.locked(folder, run), ended_bars(show) as show_in_bars:
         measuring = _Measuring(canonical(suite), folder, torch.device(device), run, Clock(minutes), show_in_bars)
@@ -149,7 +151,9 @@ class _Measuring:
         `batch` counts the queries of a call.
         """
         flops = material.cost.flops_per_sample
-        names = {f"{setting_name(label, flops)}/{variant}/{batch}": variant for variant in _possible_variants(material)}
+        setting = setting_name(label, flops)
+        variants = _possible_variants(material)
+        names = {f"{setting}/{variant}/{batch}/{self.device}": variant for variant in variants}
         missing = {name: variant for name, variant in names.items() if name not in self.done}
         queries = random_queries(batch, material.size, self.device)
         ready = self.ready_variants(label, material, missing, queries)
@@ -322,7 +326,7 @@ def _timings_of_steps(suite: Suite, device: str, clock: Clock, done: set[str], s
         try:
             one_step = _seconds_of_fit(spec, steps=1, train=train, device=device, threads=suite.threads)
             many_steps = _seconds_of_fit(spec, steps=1 + FIT_STEPS, train=train, device=device, threads=suite.threads)
-        except InputError as error:
+        except Exception as error:  # a fit may take more memory than a GPU has
             log.warning("%s: its fit is not timed: %s", spec.label, error)
             continue
         # The difference leaves out what a fit takes besides its steps; noise must not make it negative.

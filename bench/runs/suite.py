@@ -108,10 +108,6 @@ class Suite:
                 cells += [(material, codec, seed) for seed in codec.seeds or self.seeds]
         return cells
 
-    def first_seed(self, codec: CodecSpec) -> int:
-        """The seed of a codec's first repetition."""
-        return (codec.seeds or self.seeds)[0]
-
 
 @dataclass(frozen=True)
 class Task:
@@ -127,6 +123,7 @@ class Task:
     demand: str = ""  # path of the demand to score with
     uniform: float = UNIFORM
     metrics: tuple[str, ...] = DEFAULTS  # as the suite names them
+    only_material: bool = False  # whether the run has no other
     device: str = "cpu"
     scorers: int | None = None  # threads that score; None: one a core
     fresh: bool = False  # fit and score again, whatever earlier runs left

@@ -198,7 +198,8 @@ def timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
     """The entries of a suite by the names of the jobs that are timed: those of the first seed of each entry."""
     entries = {}
     for material, codec, seed in suite.cells:
-        if seed == suite.first_seed(codec):
+        first_seed, *_ = codec.seeds or suite.seeds
+        if seed == first_seed:
             entries[job_name(material.name, codec.label, seed)] = codec
     return entries
 

@@ -114,17 +114,21 @@ def export(
 
     `name` is that of the material, and of its files; `language` a key of `DIALECTS`. `source` says in words of what the
     program was made: codec, versions, file. `vectors` are answers of the material, for the README. `InputError` for
-    another language, a program that no shader can do, or a folder whose README is not that of this material's shader.
+    another language, a program that no shader can do, or a folder with files of these names that are not its own.
     """
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
     code = shader(program, DIALECTS[language])
     make_folder(folder)
     readme = folder / "README.md"
-    refuse_other_kind(readme, "", begins(f"# {name} as ".encode()))  # that of a project, or of another material
     function = folder / f"{name}.{language}"
     exact = folder / "exact.exr"
     half = folder / "half.exr"
+    # The README of a project, or of another shader, whose textures would be replaced.
+    refuse_other_kind(readme, "", begins(f"# {name} as {_title(language)}\n".encode()))
+    if not readme.exists():
+        for path in (exact, half, folder / "weights.bin"):
+            refuse_other_kind(path, "", lambda _: False)
     files = [function, exact, half, readme]
     write(function, code.text.encode())
     for path, array in ((exact, code.exact), (half, code.half)):
@@ -142,6 +146,11 @@ def export(
     return files, code.gpu_bytes
 
 
+def _title(language: str) -> str:
+    """The name of a language as a README writes it."""
+    return "Slang" if language == SLANG.name else language.upper()
+
+
 def _readme(program: Program, code: Shader, name: str, language: str, source: str, vectors: Vectors) -> str:
     """The page of conventions that lies beside a shader, in Markdown."""
     # Width × height in words, of textures (height, width, 4).
@@ -154,8 +163,7 @@ def _readme(program: Program, code: Shader, name: str, language: str, source: st
     if language == GLSL.name:
         whole = f"`{name}.frag` is a whole fragment shader around it, GLSL ES 3.00: uniforms `wo`, `wi`, `footprint`, "
         whole += "input `uv`, output `colour`.\n"
-    title = "Slang" if language == SLANG.name else language.upper()
-    words = {"name": name, "language": title, "suffix": language, "whole": whole, "source": source}
+    words = {"name": name, "language": _title(language), "suffix": language, "whole": whole, "source": source}
     checks = {"vectors": vectors.rows(), "tolerance": TOLERANCE, "rounded": "textures", "buffer": ""}
     if code.layers.size:
         buffer = BUFFER.format(size=code.layers.nbytes)

@@ -86,24 +86,17 @@ class Data(NamedTuple):
     type: str = "application/json"
 
 
-class Fragment(NamedTuple):
+def fragment() -> tuple[str, str]:
     """The viewer's styles and script, once a page; each viewer is the template `viewer.html`.
 
     The script defines `mountViewer(section, data)`, which returns the viewer, or null if the browser cannot draw.
     """
-
-    css: str
-    script: str
-
-
-def fragment() -> Fragment:
-    """The viewer for any page, read from the files of this package."""
     folder = files("reports.viewer")
     css = (folder / "viewer.css").read_text("utf-8")
     scripts = [(folder / name).read_text("utf-8") for name in SCRIPTS]
     # The scripts stand within one function, so that a page sees only one of their names.
     script = f"const mountViewer = (() => {{\n{''.join(scripts)}\nreturn mountViewer;\n}})();\n"
-    return Fragment(css, script)
+    return css, script
 
 
 def unpacked() -> str:
@@ -113,11 +106,11 @@ def unpacked() -> str:
 
 def page(title: str, models: Sequence[Shown]) -> str:
     """The HTML of a whole page with these materials. `InputError` if no shader can compute a program."""
-    parts = fragment()
+    css, script = fragment()
     drawn = [model_data(model, encode=bytes) for model in models]  # arrays stay bytes, which `pack` takes
     data = Data("models", pack({"width": WIDTH, "models": drawn}), "text/plain")
-    styles = [STYLE + parts.css]
-    scripts = [unpacked() + parts.script + START]
+    styles = [STYLE + css]
+    scripts = [unpacked() + script + START]
     return TEMPLATES.get_template("view.html").render(title=title, styles=styles, scripts=scripts, data=[data])
 
 

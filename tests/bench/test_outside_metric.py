@@ -38,7 +38,7 @@ def installed(tmp_path, monkeypatch):
     """Installs modules as a package of metrics, and forgets all metrics of earlier ones."""
 
     def forget():
-        for cached in (outside._entries, outside._imported_or_error, metrics.find, metrics._member):
+        for cached in (outside.entries, outside._imported_or_error, metrics.find, metrics._member):
             cached.cache_clear()
 
     def make(source, name="dark", package="shades"):
@@ -150,7 +150,7 @@ def test_two_packages_with_one_name_are_refused(installed):
     installed(SOURCE)
     site = installed(SOURCE, package="others")
     (site / "others-1.0.dist-info" / "entry_points.txt").write_text(f"[{outside.GROUP}]\ndark = other:METRIC\n")
-    outside._entries.cache_clear()
+    outside.entries.cache_clear()
     with pytest.raises(InputError, match=r"'dark'.*uninstall"):
         metrics.get("dark")
 
@@ -167,6 +167,6 @@ def test_a_new_metric_is_a_package_whose_test_passes(installed, tmp_path):
     site = installed(SOURCE)  # forgets; the new one is then beside it
     text = (folder / "deep_shade_metric.py").read_text()
     install(site, "deep", places, {"deep_shade_metric": text}, outside.GROUP)
-    outside._entries.cache_clear()
+    outside.entries.cache_clear()
     assert scored("deep_shade")["deep_shade"]["mean"] > 0
     assert cli.main(["new", "metric", "deep-shade", "--out", str(tmp_path / "again")]) == 2

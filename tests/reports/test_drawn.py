@@ -74,6 +74,7 @@ def test_the_width_on_paper_is_what_was_asked_for(folder):
             sizes.append(picture.size)
     assert sizes[0] == sizes[1]  # no pixel is lost
     assert drawn(folder, "pairs", out="a.pdf").read_bytes().startswith(b"%PDF")
+    assert cli.main(["figure", "rate", str(folder), "-o", str(folder / "a.png"), "--width", "2"]) == 2
 
 
 def test_pairs_are_chosen_by_their_index_and_others_are_listed(folder, capsys):

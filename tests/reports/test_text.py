@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -6,7 +7,7 @@ from bench.records import append, load_run
 from reports import table_text
 from reports.notes import run_notes
 from reports.series import plots_of
-from reports.table import Table
+from reports.table import STALE, Table
 from reports.tables import all_tables
 from reports.terminal import terminal
 from reports.text import plain
@@ -78,6 +79,8 @@ def test_what_every_label_of_a_table_says_stands_once_below_it(made):
     for format, tables in (("text", 1), ("markdown", 1), ("latex", 2)):  # LaTeX has quality and cost in two
         assert table_text(made.folder, format, "main").count("steps=300") == tables, format
     assert table_text(made.folder, "csv", "main").count("steps=300") == 3  # it has no notes
+    stale = replace(table, rows=[[row[0] + STALE, *row[1:]] for row in table.rows], notes=["pca steps=300: so."])
+    assert stale.with_short_labels().notes[0] == "pca: so."
     made.job("vq")
     table = next(table for table in all_tables(load_run(made.folder)) if table.kind == "main")
     assert table.with_short_labels() == table

@@ -256,15 +256,15 @@ def _encode_command(suite: Suite, row: Timing, device: str, out: Path | None) ->
 
 def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
     """The size in bytes that an option gives: `300k`, `1.5M`, `20000`; None if it is not given.
-    `InputError` for any other text, and for 0."""
+    `InputError` for any other text, and for less than a byte."""
     text = getattr(options, word)
     if text is None:
         return None
     match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)B?", text)
-    if not match or float(match[1]) <= 0:
+    size = round(float(match[1]) * {"": 1, "k": 1_000, "M": 1_000_000}[match[2]]) if match else 0
+    if size < 1:
         raise InputError(f"--{word.replace('_', '-')} {text}: write a number, or a number with k or M, such as 300k")
-    number, unit = match.groups()
-    return round(float(number) * {"": 1, "k": 1_000, "M": 1_000_000}[unit])
+    return size
 
 
 def _suite_of_material(options: argparse.Namespace) -> Suite:

@@ -11,6 +11,7 @@ examples:
 """
 
 import argparse
+import math
 from pathlib import Path
 
 from bench.cli.commands import assignments, read_as, reading_options, seed_option, threads, usable_device
@@ -22,6 +23,7 @@ from bench.codecs.registry import make_codec
 from bench.data.open import open_named
 from bench.demand import UNIFORM, require_demand
 from bench.inputs.errors import FINE, NO, ContainerError, EncodeError, InputError
+from bench.records import MOST_DB
 from bench.runs.library import SceneGoal, encode, encode_for_scene
 from reports.scene_models import scene_models_text
 
@@ -92,4 +94,6 @@ def _check(options: argparse.Namespace) -> None:
             raise InputError(f"--{word.replace('_', '-')}: only for a fit to a scene: give its --scene")
     if options.uniform is not None and not 0 <= options.uniform <= 1:
         raise InputError(f"--uniform {options.uniform}: must be between 0 and 1")
+    if options.target_psnr is not None and not -math.inf < options.target_psnr <= MOST_DB:
+        raise InputError(f"--target-psnr {options.target_psnr:g}: must be at most {MOST_DB}, the PSNR of exact frames")
     container.refuse_other_file(options.out)

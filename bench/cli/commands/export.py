@@ -31,7 +31,7 @@ from bench.demand.mitsuba.lobes import NAME, fitted, noise
 from bench.directions.hemisphere import uniform
 from bench.inputs.errors import FINE, InputError
 from bench.material import Material
-from bench.runs.drawing import drawable
+from bench.program.recording import program_of
 from reports.shaders.export import Vectors, export
 
 
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     if header.scene:
         source += f" and to the scene {header.scene['name']} alone, outside of which its answers mean nothing"
     try:
-        program, _ = drawable(loaded.material)  # without the exposure
+        program = program_of(loaded.material)
         checks = vectors(loaded.material)
         files, held = export(program, options.file.stem, options.format, options.out, source, checks)
     except InputError as error:

@@ -58,7 +58,8 @@ def run(options: argparse.Namespace) -> int:
 def _codec_fields(name: str) -> dict[str, Any]:
     """A codec with its settings, and the settings of the network that it shares over materials if it has one."""
     from bench.codec import described_settings
-    from bench.codecs.registry import codec_entries, describe, load_codec, origin
+    from bench.codecs.registry import describe, entry_of, load_codec
+    from bench.inputs.plugins import origin
     from bench.inputs.settings import Setting, descriptions
 
     def by_name(settings: list[Setting]) -> dict[str, dict[str, str]]:
@@ -66,7 +67,7 @@ def _codec_fields(name: str) -> dict[str, Any]:
         return {each.name: {"default": each.default, "kind": each.kind, "meaning": each.meaning} for each in settings}
 
     codec = load_codec(name)
-    entry = codec_entries()[name]
+    entry = entry_of(name)
     fields: dict[str, Any] = {
         "codec": name,
         "version": codec.version,

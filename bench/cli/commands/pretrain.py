@@ -32,7 +32,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", type=Path, help="the file to write (default: where codecs look for it)")
     parser.add_argument("--steps", type=int, help="the number of training steps, short for --set steps=N")
     several(parser, "--set", "a setting of the network", "KEY=VALUE")
-    parser.add_argument("--materials", type=int, help="how many procedural surfaces to train on, 0 for none")
+    materials = f"how many procedural surfaces to train on, 0 for none (default: {MATERIALS})"
+    parser.add_argument("--materials", type=int, default=MATERIALS, help=materials)
     several(parser, "--add", "train on this BTF or folder of maps too; repeatable", "BTF")
     parser.add_argument("--seed", type=seed_option, default=0)
     parser.add_argument("--threads", type=threads, default=1)
@@ -51,11 +52,10 @@ def run(options: argparse.Namespace) -> int:
         settings["steps"] = str(options.steps)
     network = codec.network(**settings)
     device = torch.device(usable_device(options.device))
-    count = MATERIALS if options.materials is None else options.materials
     with Console() as console:
         added = [open_named(name, {}, console.show) for name in options.add]
         fit = Fit(device, options.threads, options.seed, console.show)
-        header = pretrain(network, fit, options.out or shared.place(codec.name), count, added)
+        header = pretrain(network, fit, options.out or shared.place(codec.name), options.materials, added)
     console.say_file(header)
     for point in fit.history:
         console.say(f"{point['step']:8,} steps  {point['psnr']:6.2f} dB on surfaces kept out of training")

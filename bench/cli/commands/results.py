@@ -37,9 +37,10 @@ from pathlib import Path
 
 from bench.cli.commands import _archives, say_line, table
 from bench.compare.publishing import published
+from bench.compare.reference import check_whole
 from bench.files.atomic import write
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
-from bench.records import FILE, load_together
+from bench.records import FILE, load_run, load_together
 from reports import WHY_EMPTY, table_text
 
 _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
@@ -89,6 +90,7 @@ def _add_records(run: Path, file: Path) -> int:
         raise InputError(f"{file}: the records of a run have this name: give another one")
     sources = [run]
     if file.exists():
+        check_whole(load_run(file))  # its damaged records would be lost
         sources = [file, run]  # of jobs that both have, those of the later source count
     whole = load_together(sources)
     text = published(whole)

@@ -23,7 +23,7 @@ from bench.conformance.check import CheckError
 from bench.conformance.stress import CASES, Case, metrics
 from bench.conformance.stress import run as stress
 from bench.conformance.stress.case import subject_of
-from bench.conformance.stress.properties import data_hold, query_holds
+from bench.conformance.stress.properties import LARGEST_EXPONENT, LEAST_EXPONENT, data_hold, query_holds
 from bench.files.atomic import make_folder
 from bench.inputs.errors import FINE, NO, InputError, writable
 from bench.machine.threads import cores
@@ -88,6 +88,9 @@ def _try_again(options: argparse.Namespace) -> int:
     data = _numbers("--data", options.data, int, 6)
     if data and (min(data[:4]) < 1 or max(data[2:4]) > 81):
         raise InputError(f"--data {options.data!r}: at least one texel and pair, at most 81 views and lights")
+    if data and (not LEAST_EXPONENT <= data[4] <= LARGEST_EXPONENT or data[5] < 0):
+        limits = f"an exponent from {LEAST_EXPONENT} to {LARGEST_EXPONENT}, and a seed of at least 0"
+        raise InputError(f"--data {options.data!r}: the last two are {limits}")
     failed = False
     codecs, _ = stress.chosen(options.codec, [])
     for name in codecs:

@@ -19,6 +19,7 @@ from bench.directions.hemisphere import from_degrees, thinned_product, ubo2003
 
 QUERIES_HOLD = "finite, not negative, bounded, 0 below the horizon, periodic, the same alone as among others"
 DATA_HOLDS = "finite, not negative, at most twice the brightest sample"
+LEAST_EXPONENT, LARGEST_EXPONENT = -8, 6  # of ten: the brightest of a drawn material
 
 
 def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
@@ -79,7 +80,7 @@ def drawn_data(subject: Subject) -> None:
     st = _hypothesis().strategies
     side = st.integers(1, 5)
     few = st.integers(1, 4)
-    strategy = st.tuples(side, side, few, few, st.integers(-8, 6), st.integers(0, 1000))
+    strategy = st.tuples(side, side, few, few, st.integers(LEAST_EXPONENT, LARGEST_EXPONENT), st.integers(0, 1000))
     _search(subject, "data", strategy, 12 if subject.has_steps else 60, data_hold)  # fits in steps take longer
 
 

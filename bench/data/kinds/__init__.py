@@ -88,8 +88,7 @@ def no_such_setting(spec: MaterialSpec, made: str, key: str, remedies: dict[str,
 
 def kind_of(spec: MaterialSpec) -> Kind:
     """The kind of a material; measured, if no other kind knows it."""
-    # `_kinds` caches its answer by the folders, because a folder may be added to the package.
-    kinds = dict(_kinds(tuple(__path__)))
+    kinds = dict(_kinds())
     measured = kinds.pop(OTHERWISE)  # comes last, because it knows every material that has a path
     for kind in kinds.values():
         if kind.knows(spec):
@@ -98,7 +97,7 @@ def kind_of(spec: MaterialSpec) -> Kind:
 
 
 @cache
-def _kinds(folders: tuple[str, ...]) -> tuple[tuple[str, Kind], ...]:
-    """(module's name, its `KIND`) of each module in the folders of this package, sorted by name."""
-    names = sorted(info.name for info in pkgutil.iter_modules(folders))
-    return tuple((name, importlib.import_module(f"{__name__}.{name}").KIND) for name in names)
+def _kinds() -> dict[str, Kind]:
+    """The `KIND` of each module of this package by the module's name, in alphabetical order."""
+    names = sorted(info.name for info in pkgutil.iter_modules(__path__))
+    return {name: importlib.import_module(f"{__name__}.{name}").KIND for name in names}

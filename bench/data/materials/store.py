@@ -66,8 +66,7 @@ def load_or_render(
                 if values is None:
                     _write(path, recipe.maps(seed), table, described, show)
                     values = _read(path, shape)
-        if values is None:
-            raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
+        assert values is not None  # what cannot be written is an error before
         no_heldout = np.zeros(len(values), bool)  # `joined` marks the held-out pairs
         return BTF(name, wo, wi, StoredSource(values, key), heldout=no_heldout, periodic=True, provenance=described)
 

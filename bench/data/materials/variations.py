@@ -27,6 +27,8 @@ from bench.data.materials.procedural import (
     srgb,
 )
 
+SIZE = 32  # texels a side of a BTF
+HELDOUT = 375  # random pairs of it
 RESOLUTION = 128  # of the maps: at 32² texels, the relief is as coarse in texels as in the suites
 Pair = tuple[float, float]  # of the first and the second substance, or along u and v
 
@@ -88,16 +90,16 @@ def variation(number: int) -> tuple[str, Recipe]:
     return kind, draw_recipe(np.random.default_rng([number, 0x7A12]))
 
 
-def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
-    """Surface `number` as a periodic BTF of size² texels, rendered once and then mapped from the cache.
+def load_variation(number: int) -> BTF:
+    """Surface `number` as a periodic BTF of `SIZE`² texels, rendered once and then mapped from the cache.
 
-    Pairs are 25 views × 25 lights of the UBO2003 directions, then `heldout` random ones, as for built-in materials.
+    Pairs are 25 views × 25 lights of the UBO2003 directions, then `HELDOUT` random ones, as for built-in materials.
     """
     from bench.data.materials.store import load_or_render
     from bench.data.spec import Preparation
 
     kind, recipe = variation(number)
-    data = Preparation(size, heldout=heldout, split="validation")
+    data = Preparation(SIZE, heldout=HELDOUT, split="validation")
     # The built-in materials use seed 0, and their random structure must not be trained on.
     return load_or_render(f"variation-{number}-{kind}", recipe, data, seed=number + 1)
 

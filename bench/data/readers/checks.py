@@ -198,7 +198,8 @@ def _seem_radians(theta: Array, phi: Array) -> bool:
 
 def _around_0(phi: Array) -> Array:
     """|φ| in degrees once φ is brought to [−180, 180), because 359 degrees are as near 0 as 1 degree is."""
-    return np.asarray(np.abs((phi + 180) % 360 - 180))
+    with np.errstate(invalid="ignore"):  # an infinite angle is refused later
+        return np.asarray(np.abs((phi + 180) % 360 - 180))
 
 
 def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:

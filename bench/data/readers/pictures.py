@@ -18,7 +18,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -175,17 +174,19 @@ class PictureSource(Source):
     Scattered reads use the defaults of `Source`, which copy all pictures to a scratch file once.
     """
 
-    def __init__(self, files: Files, names: Sequence[str], labels: Sequence[str] | None = None, **options: Any):
+    def __init__(
+        self, files: Files, names: Sequence[str], labels: Sequence[str] | None = None, rgb_is_xyz: bool = False
+    ):
         """Check by headers that every picture exists, can be read, and has the same size, and that no pair repeats one.
 
         `InputError` for the first that does not.
 
         `names` has the file of each pair. `labels` name the entries of the pairs in errors, such as lines of a list; by
-        default they are the files themselves. `options` go to `read_picture`.
+        default they are the files themselves. `rgb_is_xyz`: as for `read_picture`.
         """
         self.files = files
         self.names = list(names)
-        self.options = options
+        self.rgb_is_xyz = rgb_is_xyz
         self.count = len(self.names)
         self.orientations: dict[str, int] = {}  # file → EXIF orientation, 2 to 8, of pictures that are not upright
         self.colours: dict[str, str] = {}  # file → name of its colour space, of pictures that are converted
@@ -200,7 +201,7 @@ class PictureSource(Source):
             if first_label != label:
                 fault = f"{name} already stands in {first_label}, for other directions"
                 raise InputError(f"{label}: {fault}: give each pair its own picture")
-            header = _header(files, name, rgb_is_xyz=options.get("rgb_is_xyz", False))
+            header = _header(files, name, rgb_is_xyz=rgb_is_xyz)
             if name == self.names[0]:
                 self.shape = header.size
             elif header.size != self.shape:
@@ -215,7 +216,7 @@ class PictureSource(Source):
 
     def slice(self, pair: int) -> Array:
         """The picture of a pair (H, W, 3), read and decoded anew; `InputError` if its size is no longer the same."""
-        picture = read_picture(self.files, self.names[pair], **self.options)
+        picture = read_picture(self.files, self.names[pair], rgb_is_xyz=self.rgb_is_xyz)
         if picture.shape[:2] != self.shape:
             raise InputError(f"{self.files.label(self.names[pair])}: its size changed since it was opened")
         return picture

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.demand.mitsuba.bsdf import NAME, register
 from bench.demand.mitsuba.scene import loaded, set_variant
-from bench.inputs.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, did_you_mean, readable
 
 
 def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples: int | None = None) -> np.ndarray:
@@ -47,10 +47,8 @@ def _sample_angle(sensor: Any, samples: int | None) -> float:
 
 def replaced(scene: Path, bsdf: str, file: Path, repeat: float) -> str:
     """The text of the scene with the BSDF of that id replaced. `InputError` if it has none, or is no readable XML."""
-    try:
+    with readable(str(scene), "give a Mitsuba scene, an XML file"):
         root = ElementTree.parse(scene).getroot()
-    except (OSError, ElementTree.ParseError) as error:
-        raise InputError(f"{scene}: cannot be read ({error}): give a Mitsuba scene, an XML file") from error
     bsdfs = {node.get("id", ""): node for node in root.iter("bsdf") if node.get("id")}
     if bsdf not in bsdfs:
         raise InputError(f"{scene}: it has no BSDF with the id {bsdf!r}{did_you_mean(bsdf, bsdfs)}")

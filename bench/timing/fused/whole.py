@@ -15,7 +15,7 @@ from bench.material import Material, Wrapped
 from bench.program.backend import Value
 from bench.program.kernel import Kernel
 from bench.program.recording import program_of
-from bench.timing.fused.target import Target, target_of
+from bench.timing.fused.target import Target
 from bench.timing.fused.with_drjit import DrJitNetwork, RecordedCalls, batched
 from bench.training.decoder import Decoder, Network
 
@@ -47,11 +47,10 @@ class Placeholder(Network):
 class Whole(Wrapped):
     """A material whose `evaluate` is one kernel. `InputError` if it cannot be recorded, or is too large."""
 
-    def __init__(self, material: Material, marked: Material, decoders: list[Decoder], target: Target | None = None):
-        """`marked` is a copy of the material on the CPU, with placeholders for its networks; `target` is by default
-        that of the material's device."""
+    def __init__(self, material: Material, marked: Material, decoders: list[Decoder], target: Target):
+        """`marked` is a copy of the material on the CPU, with placeholders for its networks."""
         super().__init__(material)
-        self.target = target or target_of(material.device)
+        self.target = target
         self.arrays = self.target.arrays
         self.networks = [DrJitNetwork(decoder, self.target) for decoder in decoders]
         program = program_of(marked)

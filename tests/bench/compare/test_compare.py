@@ -258,6 +258,14 @@ def test_jobs_that_vanished_are_regressions(make):
         assert comparison.exit_code == 1
 
 
+def test_seeds_that_a_codec_has_of_its_own_may_not_vanish(make):
+    base = make.run("base", *make.three())
+    planned = [job["job"] for job in base.jobs]
+    new = make.run("new", make.job(seed=0), seeds=[0], jobs=planned)
+    assert [row.verdict for row in compare(base, new).rows] == ["GONE"]
+    assert compare(base, make.run("less", make.job(seed=0), seeds=[0], jobs=planned[:1])).exit_code == 0
+
+
 def test_a_run_of_one_seed_by_choice_has_lost_nothing(make):
     base = make.run("base", *make.three())
     assert compare(base, make.run("new", make.job(seed=1), seeds=[1])).exit_code == 0

@@ -153,6 +153,8 @@ def test_a_drawn_case_is_tried_again(monkeypatch, capsys):
         (["--codec", "pca", "--query", "0 0 1"], "it takes 9 numbers, not 3"),
         (["--codec", "pca", "--data", "a b"], "give numbers"),
         (["--codec", "pca", "--data", "1 1 0 1 0 0"], "at least one texel and pair"),
+        (["--codec", "pca", "--data", "1 1 1 1 0 -1"], "a seed of at least 0"),
+        (["--codec", "pca", "--data", "1 1 1 1 5000 1"], "an exponent from"),
         (["--codec", "pca", "--query", "0 0 0 0 2 0 0 1 0"], "not of unit length"),
     ],
 )

@@ -1,6 +1,7 @@
 """A kind of surface is one file: what it says is asked wherever kinds differ."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -51,15 +52,17 @@ KIND = Chess()
 
 
 @pytest.fixture
-def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A kind of surface in a folder of its own, and a surface of that kind."""
     folder = tmp_path / "more_kinds"
     folder.mkdir()
     (folder / "chess.py").write_text(CHESS)
     monkeypatch.setattr(kinds, "__path__", [*kinds.__path__, str(folder)])
+    kinds._kinds.cache_clear()
     path = tmp_path / "board.chess"
     path.write_text("0.5")
-    return path
+    yield path
+    kinds._kinds.cache_clear()
 
 
 def test_a_kind_of_one_file_is_opened_run_and_told_in_tables(board: Path, tmp_path: Path) -> None:

@@ -36,6 +36,8 @@ def btf():
 def test_nothing_is_wrong_with_a_sound_btf_and_held_out_pairs_are_not_missing(btf):
     split = BTF("x", btf.wo, btf.wi, btf.source, heldout=np.arange(81) >= 72, periodic=True)
     assert look(btf).warnings() == look(split).warnings() == []
+    none_held_out = BTF("x", btf.wo, btf.wi, btf.source, heldout=np.zeros(81, bool), periodic=True)
+    assert look(none_held_out).exposed.code > 40  # of all pairs
 
 
 @pytest.mark.long

@@ -6,7 +6,7 @@ import pytest
 from bench.btf import BTF, ArraySource
 from bench.cli import main
 from bench.conformance.check import tiny_btf
-from bench.data.derived import repaired
+from bench.data.derived import over_own_pairs, repaired
 from bench.data.readers import open_btf
 from bench.inputs.errors import InputError
 
@@ -44,6 +44,8 @@ def test_they_are_masked_by_the_mean_of_their_pair_and_channel(caplog):
     assert mended[4][0, 0, 1] == pytest.approx(raw[4][..., 1][good[..., 1]].mean(), rel=1e-6)
     assert mended.fingerprint != btf.fingerprint
     assert repaired(truth) is truth
+    some = over_own_pairs(btf.subset(np.array([1, 7])))  # as `data.pairs` chooses them: pairs keep the file's numbers
+    assert "pairs 7" in repaired(some).provenance["repaired"]
     btf.source.values[9, ..., 2] = np.nan
     with pytest.raises(InputError, match="spoiled: pair 9"):
         repaired(btf)

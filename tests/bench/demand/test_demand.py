@@ -203,12 +203,13 @@ def test_a_huge_picture_asks_for_frames_that_fit_in_memory(monkeypatch):
         (SUN, "[[lights", "not TOML"),
         (ABOVE + SUN, f"a = {'[' * 5000}{']' * 5000}", "nested too deeply"),
         ("size = [4, 4]", "size = [0.2, 0.2]", "too few rays hit the material"),
+        (SUN, LAMP.replace("[1, 0, 3]", "[9, 0, 1e-4]"), "no light reaches"),  # its cosine is 0 in a file
         ("size = [4, 4]", "radius = 4", "surface: a plane has a size, no radius"),
         ("size = [4, 4]", 'size = [4, 4]\nshape = "sphere"', "surface: a sphere has a radius, no size"),
         ("[1, 2, 3]", "[1, 2, 3]\nsamples = 16", "lights: a light of kind directional has no samples"),
         (SUN, SKY + "position = [0, 0, 1]", "lights: a light of kind environment has no position"),
     ],
-    ids=range(31),
+    ids=range(32),
 )
 def test_a_scene_that_will_not_do_says_why(old, new, message):
     scene = (ABOVE + SUN).replace(old, new)

@@ -70,6 +70,10 @@ def test_an_honest_archive_agrees_and_makes_a_run_that_tables_read(packed, tmp_p
         assert "verified" not in job
         assert (tmp_path / "verified" / here["file"]).read_bytes() == (packed / "run" / job["file"]).read_bytes()
     assert cli.main(["compare", str(packed / "run"), str(tmp_path / "verified")]) == 0
+    # The code that fitted these files is not known here.
+    assert cli.main(["results", "pack", str(tmp_path / "verified"), "-o", str(tmp_path / "again.zip")]) == 2
+    assert "fit_key/code" in capsys.readouterr().err
+    assert not (tmp_path / "again.zip").exists()
 
 
 def put(path, value):
@@ -285,6 +289,10 @@ def test_kept_records_make_the_tables_of_the_run(packed, tmp_path, capsys):
             tables.append(capsys.readouterr().out)
         assert tables[0] == tables[1]
     assert str(packed) not in (tmp_path / "kept.jsonl").read_text()
+    damaged = (tmp_path / "kept.jsonl").read_bytes()[:-20]
+    (tmp_path / "kept.jsonl").write_bytes(damaged)
+    assert cli.main(["results", "add", str(packed / "run"), str(tmp_path / "kept.jsonl")]) == 2
+    assert (tmp_path / "kept.jsonl").read_bytes() == damaged
 
 
 def test_runs_on_other_data_are_not_put_together(packed, tmp_path):

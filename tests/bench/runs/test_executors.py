@@ -129,6 +129,12 @@ def test_workers_that_cannot_be_had_are_refused(count, device, message, monkeypa
         processes(count, 1, device).__enter__()
 
 
+def test_a_single_worker_has_the_gpu_that_was_asked_for(monkeypatch):
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    with processes(1, 1, "cuda:1") as workers:
+        assert workers.executor.submit(os.getenv, "CUDA_VISIBLE_DEVICES").result() is None
+
+
 def test_where_there_is_no_gpu_no_variable_is_blamed(monkeypatch):
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
     monkeypatch.setattr("torch.cuda.device_count", lambda: 0)

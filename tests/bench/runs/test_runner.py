@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.mean_colour import MeanColour
+from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.codecs import container, loading
 from bench.compare.comparison import compare
 from bench.conformance.check import tiny_btf
@@ -149,6 +149,35 @@ def test_a_failure_is_a_record_and_is_retried_only_when_asked(tmp_path, monkeypa
     assert not list(tmp_path.rglob("files/*"))
     assert outcomes(tmp_path, only)[0].record["status"] == "failed"
     assert outcomes(tmp_path, only, retry_failed=True)[0].record["status"] == "ok"
+
+
+def test_a_material_that_cannot_be_opened_costs_no_other(tmp_path, monkeypatch):
+    def opened(spec, *_):
+        if spec.name == "bad":
+            raise InputError("bad.npz: damaged")
+        return tiny_btf(12, 6, 6)
+
+    monkeypatch.setattr("bench.runs.workbench.open_material", opened)
+    both = replace(MEAN, materials=(MaterialSpec("bad"), MaterialSpec("tiny")))
+    bad, good = (outcome.record for outcome in outcomes(tmp_path / "both", both))
+    assert (bad["status"], bad["error"], good["status"]) == ("failed", "bad.npz: damaged", "ok")
+    with pytest.raises(InputError, match="damaged"):
+        outcomes(tmp_path / "alone", replace(MEAN, materials=both.materials[:1]))
+
+
+def test_a_decoder_that_fails_while_it_is_timed_costs_no_other_time(tmp_path, monkeypatch, caplog):
+    pca, mean = (outcome.record for outcome in reversed(outcomes(tmp_path)))
+
+    whole = MeanColourMaterial.evaluate
+
+    def fail(self, uv, wo, wi, footprint):
+        if len(uv) > 1000:
+            raise KeyError("no such direction")
+        return whole(self, uv, wo, wi, footprint)
+
+    monkeypatch.setattr(MeanColourMaterial, "evaluate", fail)
+    assert [row["job"] for row in runner.timings_here(tmp_path, [mean, pca], "cpu", 1)] == [pca["job"]]
+    assert f"{mean['job']}: not timed: KeyError" in caplog.text
 
 
 @pytest.mark.parametrize("suffix", [".nbtf", ".fit.json"])

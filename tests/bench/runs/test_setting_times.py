@@ -104,6 +104,9 @@ codec = "pca"
     with pytest.raises(InputError, match="fitted"):
         time_settings(suite, tmp_path / "times")
     assert not (tmp_path / "times" / "records.jsonl").exists()
+    without = parse_suite("none", text.replace(text.splitlines()[1], ""))
+    with pytest.raises(InputError, match="materials"):
+        setting_variants.time_variants(without, tmp_path / "variants", "cpu", 5.0)
 
 
 @pytest.fixture

@@ -142,6 +142,12 @@ def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path
     more = {"glsl": {"cloth.frag"}, "slang": {"weights.bin"}}.get(language, set())
     names = {f"cloth.{language}", "exact.exr", "half.exr", "README.md"} | more
     assert {path.name for path in files} == {path.name for path in (tmp_path / "out").iterdir()} == names
+    other = next(each for each in DIALECTS if each != language)
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "exact.exr").write_text("mine")
+    for folder, wanted in (("out", other), ("own", language)):  # whose textures would be replaced
+        with pytest.raises(InputError):
+            export(program, "cloth", wanted, tmp_path / folder, "a codec", NO_VECTORS)
     assert held % 8 == 0 < held
     text = (tmp_path / "out" / f"cloth.{language}").read_text()
     assert all(bracket in text for bracket in "(){}")

@@ -104,8 +104,9 @@ def test_sizes_are_written_with_k_and_m():
     given = [argparse.Namespace(max_gpu_bytes=text) for text in ("300k", "1.5M", "20000", "300kB", None)]
     sizes = [parse_bytes(each, "max_gpu_bytes") for each in given]
     assert sizes == [300_000, 1_500_000, 20_000, 300_000, None]
-    with pytest.raises(InputError, match="--max-bytes much: "):
-        parse_bytes(argparse.Namespace(max_bytes="much"), "max_bytes")
+    for text in ("much", "0", "0.4", "0.0001k"):
+        with pytest.raises(InputError, match=f"--max-bytes {text}: "):
+            parse_bytes(argparse.Namespace(max_bytes=text), "max_bytes")
 
 
 @pytest.mark.long

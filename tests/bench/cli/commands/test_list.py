@@ -42,3 +42,7 @@ def test_of_one_codec(name):
     assert listed["settings"] == by_name(described_settings(codec))
     network = by_name(descriptions(codec.network.Settings)) if codec.network else None
     assert listed.get("network_settings") == network
+
+
+def test_of_programs_behind_the_interface():
+    assert "encode" in written("codecs", "command")["settings"]

@@ -156,6 +156,9 @@ def test_render_replaces_a_bsdf_and_samples_of_a_pixel_share_its_footprint(btf, 
     words = ["render", "a.nbtf", "--scene", "wall.xml", "-o", "a.exr"]
     assert cli.main([*words, "--bsdf", "clot"]) == 2
     assert "'cloth'" in capsys.readouterr().err
+    (tmp_path / "odd.xml").write_bytes(b'<?xml version="1.0" encoding="gbk"?>' + WALL.encode())
+    assert cli.main(["render", "a.nbtf", "--scene", "odd.xml", "-o", "a.exr", "--bsdf", "cloth"]) == 2
+    assert "odd.xml: " in capsys.readouterr().err
     assert cli.main(words) == 2
     assert cli.main([*words, "--bsdf", "cloth", "--samples", "4", "--tiling", "20"]) == 0
     with OpenEXR.File("a.exr") as written:
