@@ -27,7 +27,11 @@ body { font: 16px/1.4 system-ui, sans-serif; margin: 1rem auto; max-width: 70rem
 h1 { overflow-wrap: anywhere; }
 """
 START = """
-unpacked("models").then((data) => { window.viewer = mountViewer(document.querySelector(".viewer"), data); });
+unpacked("models").then((data) => { window.viewer = mountViewer(document.querySelector(".viewer"), data); }).catch(
+  (error) => {
+    document.querySelector("[data-says]").textContent = `This browser cannot show the material: ${error.message}`;
+  },
+);
 """
 # Of a half's 11 significant bits, those that a page drops from slices: a value then moves by 0.2 % at most, less than
 # half a step of an 8-bit display, and the deflated page is a third smaller.

@@ -1,6 +1,5 @@
 // Shaders around `material`: depth first, then one pass a light, added up in half floats, then the display transform.
 // A loop over lights around one call of `material` had not compiled after a minute; each further call takes 2 s.
-// A loop over lights would be shorter, but a long function in a loop takes software renderers minutes to compile.
 
 const VERTEX = `#version 300 es
 in vec3 position; in vec3 normal; in vec3 tangent; in vec2 uv;

@@ -253,14 +253,15 @@ function mountViewer(root, data) {
     let covered = 0;
     for (let i = 3; i < pixels.length; i += 4) covered += pixels[i] > 0;
     const each = covered ? `${((1e6 * spent) / covered).toFixed(0)} ns a pixel of ${lights} light${lights > 1 ? "s" : ""}` : "";
-    return `${(1000 / Math.max(spent, 0.1)).toFixed(spent > 100 ? 1 : 0)} frames/s, ${width} × ${height}, ${each}`;
+    const rate = `${(1000 / Math.max(spent, 0.1)).toFixed(spent > 100 ? 1 : 0)} frames/s`;
+    return [rate, `${width} × ${height}`, each].filter(Boolean).join(", ");
   }
 
   // While something moves, the resolution holds the frame rate; at rest it is as high as a second allows.
-  let waiting = 0, resting = 0;
+  let waiting = 0, resting = 0, lost = false;
   const fitting = (spent, budget) => Math.min(1, Math.max(0.15, state.scale * Math.sqrt(budget / Math.max(spent, 1))));
   function moved() {
-    if (waiting) return;
+    if (waiting || lost) return;
     waiting = requestAnimationFrame(() => {
       waiting = 0;
       const spent = draw(false);
@@ -289,7 +290,9 @@ function mountViewer(root, data) {
   }
 
   canvas.addEventListener("webglcontextlost", () => {
-    said.textContent = "The graphics system gave up, perhaps on a long shader: reload the page, choose a smaller model.";
+    lost = true;
+    clearTimeout(resting);
+    said.textContent = "The graphics system gave up: on too many materials at once, or a long shader. Reload the page.";
   });
   controls(root, data, state, moved);
   drags(canvas, state, moved);

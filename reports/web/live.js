@@ -17,11 +17,17 @@
     button.addEventListener("click", async () => {
       button.disabled = true;
       button.textContent = "Unpacking …";
-      const models = await Promise.all(root.dataset.live.split(" ").map((id) => report.unpacked(id)));
-      for (const model of models) if (model.white) model.half = await table(model);
-      root.querySelector(".place").append(document.getElementById("viewer").content.cloneNode(true));
-      button.remove();
-      root.viewer = mountViewer(root.querySelector(".viewer"), { width: report.data.width, models });
+      const place = root.querySelector(".place");
+      try {
+        const models = await Promise.all(root.dataset.live.split(" ").map((id) => report.unpacked(id)));
+        for (const model of models) if (model.white) model.half = await table(model);
+        place.append(document.getElementById("viewer").content.cloneNode(true));
+        root.viewer = mountViewer(root.querySelector(".viewer"), { width: report.data.width, models });
+        button.remove();
+      } catch (error) {
+        place.replaceChildren();
+        button.textContent = `This browser cannot show the material: ${error.message}`;
+      }
     });
   }
 })();

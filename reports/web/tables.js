@@ -6,6 +6,7 @@
   // The number that a cell begins with, or its lower bound, "≥35.2"; exact is better than any, which is less where the
   // header has a ↓; other text comes last.
   function value(text, header) {
+    if (text === "∞") return Infinity;
     if (text === "exact") return header.includes("↓") ? -Infinity : Infinity;
     const found = text.replace(/[,\u202f]/g, "").replace(/^≥/, "").replace("\u2212", "-").match(/^[+-]?\d+(\.\d+)?(e[+-]?\d+)?/);
     return found ? Number(found[0]) : null;

@@ -2,7 +2,7 @@
 
 With `--plot` it draws quality, bytes and time of each codec over the revisions into a folder: a figure a material as
 PNG and SVG, and a page, history.html. In Python, `bench.load_runs(paths)` has every number of every job as a pandas
-frame, which `to_csv` or `to_parquet` writes.
+frame, which `to_csv` writes.
 
 examples:
   neubtf-bench history runs/*
