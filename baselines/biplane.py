@@ -369,10 +369,11 @@ class BiplaneMaterial(Material):
         """Count the cost of an answer, and keep the parts."""
         parameters = sum(p.numel() for p in decoder.parameters())
         matrix, offset = 2 * MATRIX, 3  # multiply and add, and add
-        plane = 2 * 4 * FEATURES  # multiply and add the numbers of four texels
-        flops = decoder.flops + matrix + offset + plane
+        plane_numbers_read = 4 * FEATURES  # of four texels of the plane
+        flops = decoder.flops + matrix + offset + 2 * plane_numbers_read  # each is multiplied and added
         cost = DecoderCost.of_texture(texture, parameters, flops)  # adds the texture's own reads
-        cost = replace(cost, table_floats=half.numel())
+        bytes_read = cost.bytes_per_sample + 4 * plane_numbers_read
+        cost = replace(cost, table_floats=half.numel(), bytes_per_sample=bytes_read)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder = decoder
         self.texture = texture

@@ -89,7 +89,7 @@ class HSH(Codec):
         texels = btf.shape[0] * btf.shape[1]
         coefficients = torch.zeros(len(solution), texels * 3, device=fit.device)
         pictures_at_once = max(1, BLOCK_BYTES // (texels * 12))  # of three float32 a texel
-        pictures = iter(fit.progress(btf, total=len(btf)))
+        pictures = iter(fit.progress(btf))
         for rows in torch.arange(len(btf)).split(pictures_at_once):
             block = np.stack(list(itertools.islice(pictures, len(rows))))  # (rows, H, W, 3), the next pictures
             values = torch.from_numpy(block).flatten(1).clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)

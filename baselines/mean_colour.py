@@ -25,7 +25,7 @@ class MeanColour(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Store the mean (H, W, 3) of all slices, added up in float64."""
         mean = np.zeros((*btf.shape, 3))
-        for picture in fit.progress(btf, total=len(btf)):
+        for picture in fit.progress(btf):
             mean += picture / len(btf)
         precision: FloatPrecision = "half" if self.settings.half else "float32"
         return Parts(texture=pack("mean", torch.from_numpy(mean), precision))

@@ -82,9 +82,7 @@ class NTC(Codec):
             inputs = of_grids + PLACE_NUMBERS + COUNTS[self.directions]
             widths = (self.width,) * self.layers
             sine = self.activation == "sine"
-            return Architecture(
-                inputs, widths, outputs=3, activation=self.activation, omega=OMEGA, norm=sine, residual=sine
-            )
+            return Architecture(inputs, widths, activation=self.activation, omega=OMEGA, norm=sine, residual=sine)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit both grids and the network, and store the grids' codes, row by row, a few bits each."""

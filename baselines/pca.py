@@ -97,31 +97,28 @@ class PCA(Codec):
         )
 
     def _factors_of(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
-        """The components of a BTF, found in a part of it if its matrix is `LARGE`; `gain` as in `_factors_of_all`."""
-        matrix_bytes = 12 * len(btf) * btf.shape[0] * btf.shape[1]  # three float32 a texel and pair
-        if matrix_bytes > LARGE and not fit.density:  # a fit to a scene always reads all
-            return self._factors_of_part(btf, fit, gain)
-        return self._factors_of_all(btf, fit, gain)
-
-    def _factors_of_all(self, btf: BTF, fit: Fit, gain: float | None, spare: int = 0) -> Factors:
-        """The components of all texels and pairs of a BTF, as many as the setting asks for, and `spare` more.
+        """The components of a BTF, found in a part of it if its matrix is `LARGE`.
 
         `gain` is that of log radiance; None: of radiance as it is.
         """
-        return principal_components(btf, fit, gain, self.settings.components + spare, self.settings.passes)
+        matrix_bytes = 12 * len(btf) * btf.shape[0] * btf.shape[1]  # three float32 a texel and pair
+        if matrix_bytes > LARGE and not fit.density:  # a fit to a scene always reads all
+            return self._factors_of_part(btf, fit, gain)
+        return principal_components(btf, fit, gain, self.settings.components, self.settings.passes)
 
     def _factors_of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
         """The components of a whole measurement, for which four readings would take a quarter of an hour.
 
         First more components than requested are found in some of the pairs, at all texels. Then each pair is fitted by
         their coefficients at some texels, by least squares, which gives components of all pairs. The strongest of these
-        are kept. Against a reading of everything the error of a row grows by 0.6 %. `gain` is as in `_factors_of_all`.
+        are kept. Against a reading of everything the error of a row grows by 0.6 %. `gain` is as in `_factors_of`.
         """
         # Some pairs and some texels at random, each in order; each draw starts from the seed of the fit.
         pairs = torch.randperm(len(btf), generator=fit.generator())[:PART_PAIRS].sort().values
         texel_count = btf.shape[0] * btf.shape[1]
         texels = torch.randperm(texel_count, generator=fit.generator())[:PART_TEXELS].sort().values
-        factors = self._factors_of_all(btf.subset(pairs.numpy()), fit, gain, SPARE)
+        more = self.settings.components + SPARE
+        factors = principal_components(btf.subset(pairs.numpy()), fit, gain, more, self.settings.passes)
         # The mean is the first component, whose coefficient is 1: (k + 1, texels).
         coefficients = functional.pad(factors.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)
         # The least squares of values = coefficientsᵀ · components are solution · values.

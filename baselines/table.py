@@ -32,7 +32,7 @@ class Table(Codec):
             peak = max(peak, float(np.abs(picture).max()))
         scale = half_scale(peak)
         values = torch.empty(len(btf), *btf.shape, 3, dtype=torch.float16)
-        for i, picture in enumerate(fit.progress(btf, total=len(btf))):
+        for i, picture in enumerate(fit.progress(btf)):
             values[i] = torch.from_numpy(picture / scale)
         return Parts(texture={"values": values}, other={**pack_layout(btf.layout), "scale": torch.tensor([scale])})
 

@@ -117,7 +117,7 @@ class FramedNetwork(nn.Module):
         architecture = Architecture(inputs, (settings.width,) * settings.layers, activation=settings.activation)
         self.frames: Frames | None = None
         if settings.frames:  # the authors' frames have no bias; outputs are added to the surface's own axes
-            self.frames = Frames(latents, settings.frames, generator, bias=False)
+            self.frames = Frames(latents, settings.frames, generator)
         self.decoder = Decoder(architecture, generator)
 
     def forward(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:

@@ -41,7 +41,6 @@ class RendererSettings:
         return Architecture(
             inputs=self.latents + COUNTS[self.directions],
             widths=(self.width,) * self.layers,
-            outputs=3,
             activation=self.activation,
             omega=self.omega,
             norm=self.norm,

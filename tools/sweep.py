@@ -31,6 +31,7 @@ from bench.inputs.errors import EncodeError, InputError
 from bench.metrics.psnr import DisplayPSNR
 from bench.metrics.scoring import Scorer
 from bench.runs.suite import load_suite, with_changes
+from bench.training.stored_texture import VERSION as STORE_VERSION
 
 SURFACES = ("satin", "cable-knit", "corduroy")
 APART = {"impalla", "bricks", "hammered-copper", "wicker", "leather", "pavingstones", "metal"}  # docs/materials.md
@@ -92,7 +93,8 @@ def score(file: Path, btf: BTF) -> float:
 
 def key(row: dict[str, Any]) -> str:
     """What tells a trial from others, as text."""
-    return json.dumps({name: row[name] for name in ("codec", "version", "change", "surface", "seed", "steps", "size")})
+    of_fit = {name: row[name] for name in ("codec", "version", "change", "surface", "seed", "steps", "size")}
+    return json.dumps(of_fit | {"store": row.get("store", 4)})  # the first trials, of version 4, do not name it
 
 
 def tried(row: dict[str, Any], btf: BTF) -> dict[str, Any]:
@@ -130,7 +132,7 @@ def run(options: argparse.Namespace) -> None:
     for surface in options.surfaces:
         btf = opened(surface, options.size)
         for codec in options.codecs:
-            row = {"codec": codec, "version": load_codec(codec).version, "surface": surface}
+            row = {"codec": codec, "version": load_codec(codec).version, "store": STORE_VERSION, "surface": surface}
             row |= {"steps": options.steps, "size": options.size}
             for seed, change in itertools.product(options.seeds, trials(codec)):
                 trial = row | {"seed": seed, "change": change}

@@ -272,6 +272,8 @@ class PairInterpolator(nn.Module):
         else:
             distance, index, radius = distance[:, :-1], index[:, :-1], distance[:, -1:]
             weight = (1 / distance - 1 / radius).square()
+            all_equally_far = weight.sum(1, keepdim=True) == 0
+            weight = torch.where(all_equally_far, 1 / distance.square(), weight)
         return Weights(index, weight / weight.sum(1, keepdim=True))
 
     def _neighbours(self, queries: Tensor) -> tuple[Tensor, Tensor]:

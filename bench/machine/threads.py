@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from bench.inputs.errors import InputError
+
 
 def cores() -> int:
     """The number of processors that this process may run on."""
@@ -31,10 +33,15 @@ def handling(number: int, handler: Any) -> Iterator[None]:
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Limit PyTorch, and the libraries under NumPy and scikit-learn, to `count` CPU threads in this block."""
+    """Limit PyTorch, and the libraries under NumPy and scikit-learn, to `count` CPU threads in this block.
+
+    `InputError` for a count below 1.
+    """
     import torch
     from threadpoolctl import threadpool_limits
 
+    if count < 1:
+        raise InputError(f"threads = {count}: must be at least 1")
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

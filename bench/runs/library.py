@@ -235,6 +235,8 @@ def encode_for_scene(
     The full model is fitted first; the rest as in `encode`. `InputError` says what is wrong with the demand or the
     codec.
     """
+    if not isinstance(btf, BTF):
+        raise InputError(f"bench.encode_for_scene: give a BTF, not {_wrong_type(btf)}: bench.open(name) opens one")
     if not isinstance(scene, SceneGoal):
         raise InputError(f"bench.encode_for_scene: give a bench.SceneGoal(demand), not {_wrong_type(scene)}")
     require_present(device, "device")
@@ -251,7 +253,7 @@ def encode_for_scene(
     training = lit.split().train  # indices of pairs
     held_out = lit.subset(np.setdiff1d(np.arange(len(lit)), training))
     with tempfile.TemporaryDirectory() as folder, torch_threads(threads):
-        search = fitting.Search(instance, lit.subset(training), scorer, fit, Path(folder), scene.uniform)
+        search = fitting.Search(instance, _checked_training(lit), scorer, fit, Path(folder), scene.uniform)
         # Without figures of its own, the goal is relative to the full model, which the search fits first.
         result = search.run(None if wanted == fitting.Goal() else wanted)
         rows = fitting.rows(result, scorer, threads, held_out)

@@ -233,16 +233,17 @@ def better_start(make: Callable[[Fit], Objective], fit: Fit, steps: int) -> Fit:
     """The fit with its own seed or another one, whichever gives the better objective after a few of its steps.
 
     It is for codecs with an offset. A fit of it may find depths that are a period of the surface off, and then stays.
-    `make` gives the objective of a fit.
+    `make` gives the objective of a fit. A fit above 6,250 steps has no point of its curve so early: it keeps its seed.
     """
     best = fit
+    if steps / POINTS > START_STEPS:
+        return best
     best_psnr = -math.inf
     for seed in (fit.seed, fit.seed ^ OTHER_SEED):
         start = replace(fit, seed=seed)
         loop = _Loop(make(start).to(fit.device), replace(start, checkpoint=None, history=[]), steps)
         loop.advance(max(1, min(START_STEPS, steps // 4)))
-        # Without a point it diverged, or a fit above 6,250 steps has none yet: then its own seed goes on.
-        if loop.curve:
+        if loop.curve:  # without a point it diverged
             _, _, psnr = loop.curve[-1]
             if psnr > best_psnr:
                 best, best_psnr = start, psnr

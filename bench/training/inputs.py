@@ -32,19 +32,16 @@ def direction_inputs(wo: Tensor, wi: Tensor, kind: Directions) -> tuple[Tensor, 
 class Frames(nn.Linear):
     """`count` frames from latents (n, latents): 6 · count outputs, a normal and a tangent of each frame.
 
-    The frames start near the surface's own axes: the bias starts as these, or without a `bias` the outputs add them.
+    The surface's own axes are added to the outputs, so that frames start near these.
     """
 
-    def __init__(self, latents: int, count: int, generator: torch.Generator | None = None, bias: bool = True):
+    def __init__(self, latents: int, count: int, generator: torch.Generator | None = None):
         """Draw small weights, so that all frames start near the surface's own."""
-        super().__init__(latents, 6 * count, bias)
+        super().__init__(latents, 6 * count, bias=False)
         self.count = count
-        start = torch.tensor(CANONICAL * count)
-        self.canonical = nn.Buffer(torch.zeros_like(start) if bias else start, persistent=False)
+        self.canonical = nn.Buffer(torch.tensor(CANONICAL * count), persistent=False)
         with torch.no_grad():
             self.weight.normal_(0, SPREAD, generator=generator)
-            if bias:
-                self.bias.copy_(start)
 
     def turned(self, latents: Tensor, directions: Tensor) -> Tensor:
         """Directions (n, D, 3) on the axes tangent, bitangent, normal of each frame in turn: (n, D · count · 3)."""
@@ -61,7 +58,7 @@ class Frames(nn.Linear):
     def forward(self, latents: Tensor) -> Tensor:
         """Normal and tangent of each frame (n, 6 · count), of no particular length."""
         axes: Tensor = super().forward(latents)
-        return axes if self.bias is not None else axes + self.canonical
+        return axes + self.canonical
 
     def flops(self, directions: int) -> int:
         """Operations of a sample that turns some directions, a fused multiply-add counted as two."""

@@ -55,7 +55,7 @@ class Samples:
         self.table: Tensor | None = None  # (texels, pairs, 3)
         if self.table_bytes <= memory_limit:
             # As the only level, which averages 1 texel a side: each picture as it is.
-            (table,) = _filled_tables({1: self}, fit.progress(btf, total=len(btf)))
+            (table,) = _filled_tables({1: self}, fit.progress(btf))
             self.table = table.to(fit.device)
 
     @property
@@ -81,7 +81,7 @@ class Samples:
         # Those that fit into memory; others read the BTF batch by batch.
         small_enough = {factor: level for factor, level in levels.items() if level.table_bytes <= MEMORY_LIMIT}
         if small_enough:
-            tables = _filled_tables(small_enough, fit.progress(btf, total=len(btf)))
+            tables = _filled_tables(small_enough, fit.progress(btf))
             for samples, table in zip(small_enough.values(), tables, strict=True):
                 samples.table = table.to(fit.device)
         return list(levels.values())

@@ -26,22 +26,14 @@ MOST_STEPS = MIDDLE - 1  # the most steps of a weight
 STEPS = "stored_steps"  # the buffer of a network with the step of each of its matrices; 0: not chosen
 
 
-def to_vector(*networks: nn.Module) -> Tensor:
-    """Concatenate all parameters of some networks to one tensor, as a codec file stores them."""
-    return torch.cat([p.detach().reshape(-1) for p in _all_parameters(networks)])
+def to_vector(network: nn.Module) -> Tensor:
+    """Concatenate all parameters of a network to one tensor, as a codec file stores them."""
+    return torch.cat([p.detach().reshape(-1) for p in network.parameters()])
 
 
-def load_vector(vector: Tensor, *networks: nn.Module) -> None:
+def load_vector(vector: Tensor, network: nn.Module) -> None:
     """The inverse of `to_vector`, from any float dtype. Raises `ValueError` if the count differs."""
-    _copy_into(_all_parameters(networks), vector)
-
-
-def _all_parameters(networks: Iterable[nn.Module]) -> list[Tensor]:
-    """The parameters of some networks, one after the other."""
-    parameters: list[Tensor] = []
-    for network in networks:
-        parameters += network.parameters()
-    return parameters
+    _copy_into(list(network.parameters()), vector)
 
 
 Stored = TypeVar("Stored", bound=nn.Module)

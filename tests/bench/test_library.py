@@ -211,6 +211,10 @@ def test_encoding_takes_a_name_with_settings_or_a_codec(folder, capsys):
         bench.encode_for_scene(btf, made, "c.nbtf", bench.SceneGoal("a.npz"), components=4)
     with pytest.raises(InputError, match=r"data\.sise.*'size'"):
         bench.open("satin", sise=8)
+    with pytest.raises(InputError, match="threads = 0"):
+        bench.encode(btf, "mean-colour", "c.nbtf", threads=0)
+    with pytest.raises(InputError, match=r"bench\.encode_for_scene.*'satin'"):
+        bench.encode_for_scene("satin", "pca", "c.nbtf", "a.npz")
     with pytest.raises(InputError, match=r"bench\.SceneGoal.*'a\.npz'"):
         bench.encode_for_scene(tiny_btf(), "pca", "a.nbtf", "a.npz")
     with pytest.raises(InputError, match=r"quantum.*cuda"):

@@ -133,6 +133,17 @@ class TestPairs:
             assert not pairs.product
             torch.testing.assert_close(dense(pairs(wo, wi), len(wo)), torch.eye(len(wo)), atol=1e-6, rtol=0)
 
+    def test_pairs_that_are_all_equally_far_weigh_alike(self) -> None:
+        azimuth = np.arange(12) * np.pi / 6
+        wo = np.concatenate(
+            [hemisphere.from_angles(np.full(12, 0.5), azimuth), hemisphere.from_angles([1.2, 1.3], [0.1, 2])]
+        )
+        wi = np.concatenate([np.tile([0.0, 0.0, 1.0], (12, 1)), hemisphere.from_angles([1.0, 1.1], [0.3, 4])])
+        pairs = PairInterpolator(Layout.of(wo.astype(np.float32), wi.astype(np.float32)))
+        zenith = torch.tensor([[0.0, 0.0, 1.0]])
+        _, weight = pairs(zenith, zenith)
+        torch.testing.assert_close(weight, torch.full((1, 8), 1 / 8), atol=1e-3, rtol=0)
+
     def test_scattered_weights_do_not_jump(self) -> None:
         _, _, pairs = scattered()
         ends = queries(2, 70.0, seed=9), queries(2, 70.0, seed=10)
