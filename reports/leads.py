@@ -4,12 +4,13 @@ A run without validation pairs has no budgets (`reports.rungs`), so its codecs a
 """
 
 from bench.compare.paired import AGAINST
-from bench.compare.ranks import SAME_DB
 from bench.records import Run, codec_of
 from reports.of_rungs import in_words
 from reports.ranking import ranked
 from reports.rows import materials
 from reports.rungs import ENOUGH, rungs_of
+
+LEVEL = 0.05  # dB: a smaller lead would read as 0.0
 
 
 def leads(run: Run) -> str:
@@ -35,7 +36,7 @@ def _within_budget(run: Run) -> list[str]:
             best, *others = medians.index
             other = AGAINST if AGAINST in others else others[0]
             lead = medians[best] - medians[other]
-            if lead <= SAME_DB:
+            if lead < LEVEL:
                 clauses.append(f"{best} and {other} are level on {kind} surfaces")
             else:
                 clauses.append(f"{best} leads on {kind} surfaces, {lead:.1f} dB before {other}")
@@ -43,7 +44,8 @@ def _within_budget(run: Run) -> list[str]:
 
 
 def _as_measured(run: Run) -> str:
-    """The best mean PSNR over all materials, and its lead before the best setting of another codec."""
+    """A sentence: the best mean PSNR over all materials, and its lead before the best setting of another codec, or that
+    both are level; "" unless two codecs were measured on all materials."""
     standings = [standing for standing in ranked(materials(run)) if standing.rank is not None]
     best_first = sorted(standings, key=lambda standing: -standing.psnr)
     if not best_first:
@@ -54,6 +56,6 @@ def _as_measured(run: Run) -> str:
         return ""
     second = others[0]
     lead = best.psnr - second.psnr
-    if lead <= SAME_DB:
+    if lead < LEVEL:
         return f"{best.label} and {second.label} are level in mean PSNR, and no other codec is better."
     return f"{best.label} leads: {best.psnr:.1f} dB of mean PSNR, {lead:.1f} dB before {second.label}."

@@ -299,7 +299,8 @@ def ablation_table(run: Run) -> Table | None:
     On each material a row has its PSNR, the gain against the codec as it is, and SSIM, as means over seeds.
     """
     starts = _names_of_starts(run, SUITE)
-    jobs = [job for job in run.jobs if job["status"] == "ok" and job.get("run") in starts]
+    of_suite = [job for job in run.jobs if job.get("run") in starts]
+    jobs = [job for job in of_suite if job["status"] == "ok"]
     if not jobs:
         return None
     materials = list(dict.fromkeys(job["material"] for job in jobs))
@@ -318,24 +319,30 @@ def ablation_table(run: Run) -> Table | None:
         "A change is told by the settings that differ from the row “as it is”.",
     ]
 
-    values = pd.DataFrame(_ablation_rows(jobs, materials, stale_jobs(run.jobs)))
+    values = pd.DataFrame(_ablation_rows(of_suite, materials, stale_jobs(run.jobs)))
     if values.filter(regex=" psnr$| ssim$").isna().any(axis=None) or values["flops"].isna().any():
         notes.append(f"{NONE}: not measured.")
     title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
     return written("ablation", title, values, columns, notes, words=2)
 
 
-def _ablation_rows(jobs: Sequence[Job], materials: Sequence[str], stale: set[str]) -> Iterator[dict[str, Any]]:
-    """The values of each label; its parameters and FLOP are those of its first job."""
+def _ablation_rows(of_suite: Sequence[Job], materials: Sequence[str], stale: set[str]) -> Iterator[dict[str, Any]]:
+    """The values of each label of a finished job; its parameters and FLOP are those of its first one.
+
+    `of_suite` are all jobs of the suite in its order, because the codec as it is may be unfinished.
+    """
     unchanged: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
-    for job in jobs:
-        unchanged.setdefault(job["codec"], job["label"])
+    for job in of_suite:
+        unchanged.setdefault(codec_of(job["label"]), job["label"])
+    jobs = [job for job in of_suite if job["status"] == "ok"]
     for label, of_label in grouped(jobs, lambda job: str(job["label"])).items():
         job = of_label[0]
-        unchanged_label = unchanged[job["codec"]]
-        settings = label.split()[1:]  # after the codec
-        changes = " ".join(setting for setting in settings if setting not in unchanged_label.split())
-        row: dict[str, Any] = {"codec": job["codec"], "change": changes or "as it is"}
+        unchanged_label = unchanged[codec_of(label)]
+        settings, usual = label.split()[1:], unchanged_label.split()[1:]  # after the codec
+        names = {setting.partition("=")[0] for setting in settings}
+        changes = [setting for setting in settings if setting not in usual]
+        changes += [f"without {setting}" for setting in usual if setting.partition("=")[0] not in names]
+        row: dict[str, Any] = {"codec": job["codec"], "change": " ".join(changes) or "as it is"}
         row |= {"parameters": job["parameters"], "flops": job["cost"].get("flops_per_sample", nan)}
         row["stale"] = any(each["job"] in stale for each in of_label)
         for material in materials:

@@ -95,8 +95,9 @@ def deciding(job: Job) -> list[Quantity]:
 
     A job has those that its suite measured.
 
-    PSNR is a mean over slices: of all pairs, at grazing directions, over footprints; and of training pairs, which
-    hardly scatters over seeds, so it shows a worse fit where held-out pairs are too hard to tell.
+    PSNR is a mean over slices: of all deciding pairs, of those at grazing directions, and over footprints; and of
+    training pairs, which hardly scatters over seeds, so it shows a worse fit where held-out pairs are too hard to tell.
+    FLIP is pooled over the deciding pairs.
     """
     quantities = [
         Quantity(

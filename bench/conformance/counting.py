@@ -66,7 +66,7 @@ def _fault_of_textures(material: Material, texture: dict[str, Tensor]) -> str:
 
 
 def constant_bytes(parts: Parts) -> dict[str, int]:
-    """The bytes of each tensor of a file, `part/name`, that repeats one number at least `MANY` times, and no other."""
+    """By `part/name`: the bytes of each tensor of a file that holds one number alone, at least `MANY` times."""
     sizes = {}
     for part in PARTS:
         for name, values in getattr(parts, part).items():

@@ -64,7 +64,7 @@ def require_present(name: str, option: str) -> None:
     except RuntimeError:
         raise InputError(f"{option} {name}: no such device: use cpu or cuda") from None
     if not here:
-        raise InputError(f"{option} {name}: PyTorch finds no such device here; use cpu")
+        raise InputError(f"{option} {name}: PyTorch finds no such device here: use cpu")
 
 
 def device_name(device: "torch.device | str") -> str:

@@ -26,7 +26,7 @@ from bench.codecs.scene_material import without_warnings
 from bench.data.open import open_material
 from bench.data.spec import MaterialSpec
 from bench.demand.mitsuba import load_path_tracer
-from bench.inputs.errors import InputError, MissingDataError
+from bench.inputs.errors import InputError
 from bench.material import Material
 from bench.records.schema import setting_name
 from bench.runs import library, lock
@@ -128,8 +128,6 @@ def decoded_settings(
                 material = without_warnings(loading.load(path, device).material)
             except InputError as error:
                 log.warning("%s on %s: not timed: %s", spec.label, surface.name, error)
-                if isinstance(error, MissingDataError) and btf is None:
-                    break  # the surface is not there: no other setting can be fitted to it
                 continue
             if not material.opaque:  # no other program answers
                 yield Contestant(surface.name, spec, material)

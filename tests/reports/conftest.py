@@ -50,8 +50,8 @@ class RunMaker:
         append(self.folder, job)
         return self
 
-    def unfinished(self, status, error, label="vq", material="satin"):
-        job = {"kind": "job", "job": f"{material}/{label}/0", "run": "1", "material": material, "label": label}
+    def unfinished(self, status, error, label="vq", material="satin", run="1"):
+        job = {"kind": "job", "job": f"{material}/{label}/0", "run": run, "material": material, "label": label}
         append(self.folder, job | {"status": status, "error": error, "seed": 0})
         return self
 

@@ -25,6 +25,14 @@ def test_each_change_is_held_against_the_codec_as_it_is_on_every_material(made):
     assert rows[4][4:] == ["28.50", "+0.50", "0.750", "—", "", "—"]
 
 
+def test_the_codec_as_it_is_may_be_unfinished_and_a_setting_may_be_left_out(made):
+    made.start("2", suite="ablation").unfinished("failed", "Error: no", label="neubtf-direct steps=9", run="2")
+    made.job("neubtf-direct activation=relu steps=9", run="2")
+    made.job("neubtf recipe=paper steps=9", run="2").job("neubtf steps=9", run="2")
+    rows = ablation_table(load_run(made.folder)).rows
+    assert [row[1] for row in rows] == ["activation=relu", "as it is", "without recipe=paper"]
+
+
 def test_the_note_on_flop_stays_with_its_column_alone(made):
     made.start("2", suite="ablation").job("neubtf-direct steps=9", run="2")
     table = ablation_table(load_run(made.folder))

@@ -73,7 +73,10 @@ def _decode_maps(options: argparse.Namespace, material: Material, codec: str) ->
 
 
 def _pairs(options: argparse.Namespace) -> tuple[Array, Array]:
-    """Directions wo and wi (N, 3) of --count views × --count lights of the set --directions."""
+    """Directions wo and wi (N, 3) float32 of --count views × --count lights of the set --directions.
+
+    `InputError` for an unknown set, or a count below 1 or above its directions.
+    """
     name = DIRECTIONS if options.directions is None else options.directions
     count = COUNT if options.count is None else options.count
     if name not in DIRECTION_SETS:

@@ -201,7 +201,11 @@ class HDF5Source(Source):
         self.at_once = max(1, min(chunk, AT_ONCE // bytes_of_a_picture))
 
     def slices(self, pairs: Array) -> list[Array]:
-        """As `Source.slices`: (H, W, 3) float32 each, row 0 on top; `InputError` where a value is not finite."""
+        """As `Source.slices`: (H, W, 3) float32 each, row 0 on top.
+
+        An `InputError` names the pair with a value that is too large for float32, a `NotFiniteError` the one with a
+        value that is not finite.
+        """
         top, left, height, width = self.rectangle
         bottom = self.file_shape[1] - top - height  # the file's row 0 is the bottom
         first, last = int(pairs.min()), int(pairs.max()) + 1  # `last` is behind the last pair
@@ -210,13 +214,16 @@ class HDF5Source(Source):
         # read one by one: a stretch over all of them would hold far more pictures than were asked for.
         if last - first > 2 * self.at_once:
             stretches = [(int(pair), int(pair) + 1) for pair in pairs]
-        slices: dict[int, Array] = {}  # pair → picture
+        stored: dict[int, Array] = {}  # pair → picture in the file's type, also of pairs between those asked for
         with _open_hdf5(self.path) as file:
             for start, end in stretches:
                 values = file[COLOUR][start:end, bottom : bottom + height, left : left + width]
-                pictures = in_float32(values, f"{self.path}: {COLOUR}")[:, ::-1]  # now row 0 is the top
-                slices |= dict(enumerate(pictures, start))
-        return [finite(slices[int(pair)], f"{self.path}: {COLOUR}[{pair}]") for pair in pairs]
+                stored |= dict(enumerate(values[:, ::-1], start))  # now row 0 is the top
+        slices = []
+        for pair in pairs.tolist():
+            label = f"{self.path}: {COLOUR}[{pair}]"
+            slices.append(finite(in_float32(stored[pair], label), label))
+        return slices
 
     def window(self, top: int, left: int, height: int, width: int) -> Source:
         """As `Source.window`; a window within the pictures is read alone, without the texels around it."""

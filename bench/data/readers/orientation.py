@@ -45,7 +45,7 @@ def late_orientation(data: bytes) -> int:
 
 
 def _stated_orientation(notes: Any) -> int:
-    """The orientation, 1 to 8, that a camera's notes state; 1 without a valid one, and without notes (None)."""
+    """The orientation, 1 to 8, that a camera's notes state; 1 without a valid one, and for damaged notes (None)."""
     value = None if notes is None else notes.get(TAG)
     if isinstance(value, int) and value in _TURNS:
         return value
@@ -53,7 +53,8 @@ def _stated_orientation(notes: Any) -> int:
 
 
 def exif(data: bytes, is_whole: bool = False) -> Any:
-    """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif` (tag → value); None without valid ones.
+    """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif` (tag → value); empty if it has none, None if they, or the
+    picture, are damaged.
 
     Without `is_whole` only the bytes before the pixels are needed. Pillow finds the notes: in a segment or chunk of
     EXIF, in a PNG's text, and the orientation in XMP.

@@ -140,9 +140,17 @@ def test_a_file_that_is_no_btf_is_an_error_with_the_name_of_the_data_set(refused
 
 def test_values_that_are_not_finite_or_cut_off_are_named(refused, full, monkeypatch):
     with h5py.File(full, "r+") as file:
+        doubles = file["ground_color"][:].astype(np.float64)
+        del file["ground_color"]
+        file["ground_color"] = doubles
+        file["ground_color"][5, 1, 1] = 1e300
         file["ground_color"][7, 1, 1] = np.inf
+    with pytest.raises(InputError, match=r"ground_color\[5\]: 3 of 90"):
+        open_btf(full)[5]
     with pytest.raises(InputError, match=r"ground_color\[7\]: 3 of 90"):
-        list(open_btf(full))
+        open_btf(full)[7]
+    others = open_btf(full).subset(np.array([4, 6, 8]))  # around them, so read with them
+    assert np.isfinite(np.stack(list(others))).all()
     whole = full.read_bytes()
     for length in (9, 100, len(whole) // 2, len(whole) - 1):
         full.write_bytes(whole[:length])
