@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.files import atomic
-from bench.records import Run, load_run
+from bench.records import Run, kind_of, load_run
 from reports import KINDS, Report, figures, raw
 from reports.figures.canvas import Figure
 from reports.figures.history import history_figures
@@ -43,7 +43,7 @@ class _ReportFolder:
         narrow_tables = [table for table in tables if table.kind != "main"]
         narrow_tables += all_tables(self.run, narrow=True, kind="main")
         self.write_tables(tables, narrow_tables)
-        formats = VECTOR if vector else _formats_there(self.folder / "figures")
+        formats = VECTOR if vector else _formats_there(self.run, self.folder / "figures")
         page_figures = self.write_figures(formats)
         self.remove_old()
         page = self.folder / "report.html"
@@ -81,7 +81,7 @@ class _ReportFolder:
         patterns = ["tables/trade.csv"]
         for kind in KINDS:
             patterns += [f"tables/{kind}.md", f"tables/{kind}.tex"]
-        for name in _figure_names():
+        for name in _figure_names(self.run):
             patterns += [f"figures/{name}.{end}" for end in ("png", *VECTOR)]
         report_files: set[Path] = set()  # of this report and of earlier ones
         for pattern in patterns:
@@ -103,18 +103,20 @@ def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
     return [*files, put(folder / "history.html", page.encode())]
 
 
-def _formats_there(folder: Path) -> list[str]:
+def _formats_there(run: Run, folder: Path) -> list[str]:
     """The vector formats in which an earlier report drew figures. They are drawn again, because a report removes the
     figures of an earlier one that it does not write anew."""
     suffixes: set[str] = set()
-    for name in _figure_names():
+    for name in _figure_names(run):
         suffixes.update(path.suffix for path in folder.glob(f"{name}.*"))
     return [end for end in VECTOR if f".{end}" in suffixes]
 
 
-def _figure_names() -> list[str]:
-    """The patterns of the names of figures, without their ends: a kind, and a kind with a material."""
-    return [*figures.ALL, *(f"{kind}-*" for kind in figures.ALL)]
+def _figure_names(run: Run) -> list[str]:
+    """The names that figures of a report may have, without their ends: a kind, or a kind with a material or a kind of
+    surface. Other files in the folder are a user's own."""
+    shown = dict.fromkeys(["", *(job["material"] for job in run.jobs), *map(kind_of, run.jobs)])
+    return [Path(Figure(each, kind, "", b"").name).stem for kind in figures.ALL for each in shown]
 
 
 def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[Path]:

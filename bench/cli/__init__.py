@@ -4,6 +4,7 @@ import argparse
 import gc
 import importlib
 import io
+import logging
 import os
 import signal
 import sys
@@ -17,9 +18,9 @@ import bench
 from bench.cli import commands
 from bench.inputs.errors import (
     FAILED,
-    FINE,
     INTERNAL,
     INTERRUPTED,
+    UNREAD,
     USAGE,
     EncodeError,
     InputError,
@@ -48,6 +49,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # stderr replaces such characters by itself
         sys.stdout.reconfigure(errors="replace")
     words = list(sys.argv[1:] if argv is None else argv)
+    warnings_to = logging.StreamHandler()
+    warnings_to.setFormatter(_Visible())
+    logging.basicConfig(handlers=[warnings_to])
     code = _run(words)
     if argv is not None:
         return code
@@ -60,6 +64,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.flush()
         os._exit(code)
     return code
+
+
+class _Visible(logging.Formatter):
+    """Warnings on one line, without control characters: names in data files must neither steer a terminal nor CI."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return visible(record.getMessage())
 
 
 def _threads_left() -> list[str]:
@@ -93,7 +104,7 @@ def _run(words: list[str]) -> int:
         return INTERRUPTED
     except BrokenPipeError:  # nobody reads the output any more, as after `| head`
         sys.stderr.close()  # else Python complains about it at its end
-        return FINE
+        return UNREAD
     except Exception as error:
         why = unwritable(error) if isinstance(error, OSError) else ""
         if why:
@@ -120,9 +131,15 @@ def _refuse_overwriting(options: argparse.Namespace) -> None:
             paths = [word for word in words if isinstance(word, str | os.PathLike)]
             inputs += paths
             folders += paths if name in _PICTURES else []
+    outputs: dict[str, str] = {}  # by real path: the option that names the file
     for written in _WRITTEN:
         out = getattr(options, written, None)
-        if out is None or not os.path.isfile(out):
+        if out is None:
+            continue
+        other = outputs.setdefault(os.path.realpath(out), written)
+        if other != written:
+            raise InputError(f"--{other}, --{written}: both name {out}: give one of them another name")
+        if not os.path.isfile(out):
             continue
         if any(_same_file(word, out) for word in inputs) or any(_is_read_in(word, out) for word in folders):
             remedy = f"give --{written} another name"

@@ -20,12 +20,19 @@ if TYPE_CHECKING:
     from bench.runs.job import Outcome
 
 
+class _Output(RichConsole):
+    """Where bars and lines go; nobody who reads it is an error, as it is for `print`."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
 class Console:
     """Progress bars that vanish when done, and lines that stay; without a terminal, a line of progress now and then."""
 
     def __init__(self) -> None:
         """No bar is shown yet; without a terminal there are none at all."""
-        self.out = RichConsole(highlight=False)
+        self.out = _Output(highlight=False)
         self.bars = Progress(
             TextColumn("{task.description}"),
             BarColumn(),

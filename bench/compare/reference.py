@@ -47,6 +47,11 @@ def committed(suite: str) -> Path:
     return Path(str(files("bench.compare"))) / "references" / f"{suite}.jsonl"
 
 
+def is_reference(run: Run) -> bool:
+    """Whether records are those of a reference: unlike those of results, its start has no name."""
+    return not any("run" in start for start in run.starts)
+
+
 class Update(NamedTuple):
     """A reference that was written again."""
 
@@ -69,6 +74,8 @@ def update(run: Run, path: Path, wide: bool) -> Update:
     before = load_run(path) if path.is_file() else None
     if before:
         check_whole(before)
+        if not is_reference(before):
+            raise InputError(f"{path}: it holds results, not a reference: give --out another name")
     text = reference(run, before)
     with tempfile.TemporaryDirectory() as folder:  # judged before it replaces the one that is there
         trial = Path(folder) / path.name

@@ -187,6 +187,8 @@ class MaterialSpec:
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a name or a path that no record or file name can hold."""
+        if not self.name.strip():
+            raise InputError(f"materials: name {self.name!r} is blank: give a name, or leave it out beside a path")
         # Python holds bytes of a name that are not UTF-8 as single surrogates, which do not encode.
         printable_path = self.path.encode("utf-8", "backslashreplace").decode()
         if printable_path != self.path:

@@ -99,12 +99,16 @@ def temporary(path: Path) -> Iterator[Path]:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; what is written there is renamed to `path` when the block ends.
 
-    After an error it is removed, and `path` stays as it was. `InputError` if `path` is a device or a pipe.
+    After an error it is removed, and `path` stays as it was. A link stays a link, to the new file, and a file keeps its
+    permissions. `InputError` if `path` is a device or a pipe.
     """
     refuse_device(path)
-    with temporary(path) as partial:
+    target = path.resolve() if path.is_symlink() else path
+    with temporary(target) as partial:
         yield partial
-        os.replace(partial, path)
+        if target.is_file():
+            shutil.copymode(target, partial)
+        os.replace(partial, target)
 
 
 def write(path: Path, data: bytes) -> None:
@@ -115,14 +119,14 @@ def write(path: Path, data: bytes) -> None:
         os.fsync(file.fileno())
 
 
-def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
+def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.memmap":
     """Create a memory-mapped .npy file of zeros to be filled, and reserve its disk space.
 
     A full disk raises an `OSError` here; a later write to the mapping would kill the process instead.
     """
     import numpy as np
 
-    values: np.ndarray = np.lib.format.open_memmap(path, "w+", dtype=dtype, shape=shape)
+    values: np.memmap = np.lib.format.open_memmap(path, "w+", dtype=dtype, shape=shape)
     with open(path, "r+b") as file:
         if hasattr(os, "posix_fallocate"):  # not on every system
             os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)

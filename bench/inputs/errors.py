@@ -19,6 +19,7 @@ FAILED = 3  # some or all jobs failed
 NOTHING = 4  # nothing was measured, or nothing is comparable
 INTERNAL = 70
 INTERRUPTED = 130
+UNREAD = 141  # nobody reads the output any more, as after `| head`: what the code would be was not said
 
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # with these, every other job would fail too
 # Of Unicode: control characters, ends of lines, marks such as of direction, and bytes of a name that is not UTF-8.

@@ -152,7 +152,7 @@ def read_toml(path: Path) -> str:
     with readable(str(path), "give a text file of settings"):
         if path.stat().st_size > TOML:
             raise InputError(f"{path}: it is larger than {TOML >> 20} MiB, too large for a file of settings")
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # some editors begin a file with a mark
 
 
 def shipped_toml(package: str) -> dict[str, str]:

@@ -31,7 +31,7 @@ from bench.inputs.errors import CodecError, InputError, MissingDataError
 from bench.machine.devices import present
 from bench.machine.threads import cores
 from bench.material import Material
-from bench.records import Job, Timing
+from bench.records import ARTEFACT, Job, Timing
 from bench.runs import lock
 from bench.runs.evaluation import material_of_job
 from bench.runs.executors import Seats, Workers, in_process, processes, tell
@@ -196,6 +196,9 @@ class _Session:
             return None
         if record["status"] == "ok" and not (options.folder / record["file"]).exists():
             return None
+        stored = [record.get(name) for name in records.field_names(ARTEFACT)]
+        if any(isinstance(name, str) and not (options.folder / name).exists() for name in stored):
+            return record | {"score_key": {}}  # matches none: the file is scored again, which stores them again
         return record
 
     def start(self) -> None:

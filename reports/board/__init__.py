@@ -12,7 +12,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from bench.files.atomic import replacing
+from bench.files.atomic import refuse_other_kind, replacing
 from bench.inputs.errors import InputError
 from bench.records import FILE, Run, load_run
 from reports.board.pages import Board
@@ -20,6 +20,7 @@ from reports.board.sources import Codec, Publication, with_files
 
 # How pages are written. Names of files may hold halves of letters (lone surrogates), which UTF-8 cannot.
 TEXT: Any = {"encoding": "utf-8", "errors": "replace", "newline": "\n"}
+HEAD = 10_000  # bytes of a page, within which its mark stands
 RECORDS, ARCHIVE = ".jsonl", ".zip"  # how the names of files of records and of archives end
 
 
@@ -66,16 +67,25 @@ def write_site(
 
     `runs` are at hand with their files: their pictures are shown where the material's licence is known to permit it,
     and jobs that no records hold are shown beside them. `codecs` has by name what installed codecs say of themselves.
-    Pages of an earlier site that are not written anew are removed.
+    Pages of an earlier site that are not written anew are removed. `InputError` if a file that is no such page has the
+    name of one.
     """
     board = Board(with_files(records, runs), codecs)
     files = []
     for name, pieces in board.pages():
         path = folder / name
+        refuse_other_kind(path, "", _is_page)
         files.append(path)
         with replacing(path) as partial, open(partial, "w", **TEXT) as file:
             file.writelines(pieces)
     for kind in ("codec", "material"):
         for old_page in set(folder.glob(f"{kind}-*.html")) - set(files):
-            old_page.unlink()
+            if _is_page(old_page):
+                old_page.unlink()
     return files
+
+
+def _is_page(path: Path) -> bool:
+    """Whether a file is a page that this program wrote, by the mark in its head."""
+    with open(path, "rb") as file:
+        return b'<meta name="generator" content="neubtf-bench">' in file.read(HEAD)

@@ -109,7 +109,8 @@ def _sheet(
         sheet.text(middle, TOP / 2, short(label, cell_width // LETTER), ha="center", fontsize=10)
     for number, place in enumerate(places):
         zoomed = inset or _worst_square(rows, place, (height, width))
-        _require_within(zoomed, (height, width))
+        if zoomed:
+            _require_within(zoomed, (height, width))
         _draw_pair(sheet, run, rows, place, TOP + number * block, zoomed, factor)
         if number == 0 and _all_have_flip(rows):  # below the first truth, which has no FLIP map
             flip_scale(sheet, left=0, middle=TOP + LINE + cell_height + cell_height // 2, width=cell_width)
@@ -117,7 +118,7 @@ def _sheet(
 
 
 def _draw_pair(
-    sheet: Sheet, run: Run, rows: list[tuple[Row, Arrays]], place: int, top: int, inset: Inset, factor: int
+    sheet: Sheet, run: Run, rows: list[tuple[Row, Arrays]], place: int, top: int, inset: Inset | None, factor: int
 ) -> None:
     """Draw all that is shown of one pair, from `top` in pixels down: a line of text, its pictures, their FLIP maps.
 
@@ -146,9 +147,14 @@ def _all_have_flip(rows: list[tuple[Row, Arrays]]) -> bool:
     return all("flip" in stored for _, stored in rows)
 
 
-def _worst_square(rows: list[tuple[Row, Arrays]], place: int, size: tuple[int, int]) -> Inset:
+def _worst_square(rows: list[tuple[Row, Arrays]], place: int, size: tuple[int, int]) -> Inset | None:
     """The square of a quarter of the shorter side in which the FLIP maps of one slice are brightest together; without
-    maps, the one in the centre. `place` is the slice's in the stored arrays; `size` is (height, width) in texels."""
+    maps, the one in the centre. None of a picture that is a single texel wide or high.
+
+    `place` is the slice's in the stored arrays; `size` is (height, width) in texels.
+    """
+    if min(size) < 2:
+        return None
     side = max(2, min(size) // 4)
     # Of each codec (H, W): its map's colours added up, which grow brighter with the error.
     maps = [stored["flip"][place].astype(float).sum(2) for _, stored in rows if "flip" in stored]
@@ -169,10 +175,12 @@ def _require_within(inset: Inset, size: tuple[int, int]) -> None:
         raise InputError(f"--inset {row},{col},{side}: it must be {limits}")
 
 
-def _with_inset(picture: np.ndarray, inset: Inset, factor: int) -> np.ndarray:
+def _with_inset(picture: np.ndarray, inset: Inset | None, factor: int) -> np.ndarray:
     """A slice (H, W, 3) enlarged by `factor`, with a frame around the inset's place, and the magnified inset, also in a
     frame, in the corner that is farthest from that place. Returns a picture (H · factor, W · factor, 3)."""
     large = enlarged(picture, factor)
+    if inset is None:
+        return large
     row, col, side = inset
     framed(large, row * factor, col * factor, side * factor)
     half = min(large.shape[:2]) // 2

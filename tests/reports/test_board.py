@@ -16,6 +16,7 @@ from bench.btf import BAKED, RENDERED
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
+from bench.inputs.errors import InputError
 from bench.program.recording import program_of
 from bench.records import append, load_run
 from reports.board import Codec, Publication, write_site
@@ -227,11 +228,16 @@ def test_two_names_never_share_a_page():
 
 
 def test_pages_that_are_not_made_anew_are_removed_and_other_files_stay(made, tmp_path):
-    (tmp_path / "codec-gone.html").touch()
-    (tmp_path / "mine.html").touch()
+    write(tmp_path, load_run(made.job("vq").folder))
+    (tmp_path / "codec-vq.html").rename(tmp_path / "codec-gone.html")
+    (tmp_path / "codec-mine.html").write_text("mine")
     write(tmp_path, load_run(made.job().folder))
-    names = {"index.html", "mine.html", "codec-pca.html", "material-satin.html"}
+    names = {"index.html", "codec-mine.html", "codec-pca.html", "codec-vq.html", "material-satin.html"}
     assert {path.name for path in tmp_path.glob("*.html")} == names
+    (tmp_path / "index.html").write_text("mine")
+    with pytest.raises(InputError, match=r"index\.html"):
+        write(tmp_path, load_run(made.folder))
+    assert (tmp_path / "index.html").read_text() == "mine"
 
 
 def test_several_sources_need_a_site(made, capsys):

@@ -12,7 +12,7 @@ from bench import cli
 from bench.inputs.errors import InputError
 from bench.records import load_run
 from reports.drawn import KINDS, WHY_EMPTY
-from reports.figures.pairs import FRAME, Inset, framed, pairs_figure
+from reports.figures.pairs import FRAME, Inset, _with_inset, _worst_square, framed, pairs_figure
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +111,11 @@ def test_an_inset_shows_its_texels_in_a_frame(folder):
     rows, cols = np.nonzero((plain == FRAME).all(2))
     assert (rows.min(), rows.max(), cols.min(), cols.max()) == (5, 12, 6, 13)
     assert not plain[8:10, 9:11].any()
+
+
+def test_a_picture_one_texel_wide_has_no_inset():
+    assert _worst_square([], 0, (1, 8)) is None
+    assert _with_inset(np.zeros((1, 8, 3), np.uint8), None, 4).shape == (4, 32, 3)
 
 
 def test_codecs_of_other_pairs_stand_beside_no_truth_of_the_first_and_are_named(made):

@@ -47,12 +47,14 @@ def test_figures_and_choices_of_an_earlier_report_go(made):
     write_report(made.job().job("vq").timing().trade("vq").folder)
     before = {path.name for path in made.folder.glob("figures/*")}
     assert {name.partition("-")[0] for name in before} <= figures.ALL.keys()
-    (made.folder / "figures" / "mine.png").write_bytes(b"")
+    own = {"mine.png", "rate-paper.png"}
+    for name in own:
+        (made.folder / "figures" / name).write_bytes(b"")
     (made.folder / "records.jsonl").unlink()
     written = write_report(made.start().job().folder)
     drawn = {path.name for path in written.files if path.parent.name == "figures"}
     assert drawn < before
-    assert {path.name for path in made.folder.glob("figures/*")} == drawn | {"mine.png"}
+    assert {path.name for path in made.folder.glob("figures/*")} == drawn | own
     assert not (made.folder / "tables" / "trade.csv").exists()
 
 

@@ -5,6 +5,7 @@ import hashlib
 import os
 import shlex
 import tempfile
+import zipfile
 from collections import Counter
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from tabulate import tabulate
 from bench.cli.commands import assignments, say_line, several
 from bench.cli.console import Console
 from bench.compare.publishing import published
-from bench.files.atomic import make_folder
+from bench.files.atomic import make_folder, refuse_other_kind
 from bench.inputs.errors import FINE, NO, NOTHING, InputError, did_you_mean, visible
 from bench.records import FILE, Run, load_run
 from bench.runs.archive import AGREES, DIFFERS, jobs_with_results, pack, unpack, verify
@@ -30,12 +31,21 @@ def pack_run(options: argparse.Namespace) -> int:
     """Pack the archive, and print the text to send with it; returns the exit code."""
     if options.out.suffix != ".zip":
         raise InputError(f"--out {options.out}: the name must end in .zip")
+    refuse_other_kind(options.out, "", _is_archive)  # a measurement may be a zip, too
     run = jobs_with_results(load_run(options.run), options.codec)
     pack(run, published(run, once=False), options.out)
     say_line(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
     for line in ("", "To hand it in, send it with this text:", "", *_covering_text(run, options.out)):
         say_line(line)
     return FINE
+
+
+def _is_archive(path: Path) -> bool:
+    """Whether a file is an archive of results."""
+    if not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return FILE in archive.namelist()
 
 
 def _covering_text(run: Run, archive: Path) -> list[str]:

@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 
 from bench.btf import BTF, Array
-from bench.cli.commands import say_line, usable_device
+from bench.cli.commands import read_as, reading_options, say_line, usable_device
 from bench.cli.console import Console
 from bench.codecs.loading import DecodedSource, load
 from bench.data.convert import write_btf, write_maps
@@ -33,6 +33,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--count", type=int, help=f"without --like: how many views, and lights, of it (default: {COUNT})")
     add("--maps", action="store_true", help="write its PBR maps as PNG instead (only files of svbrdf)")
     add("--device", default="cpu")
+    reading_options(parser)
     add("-o", "--out", type=Path, required=True, help="the folder to write")
 
 
@@ -49,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
         return _decode_maps(options, material, header.codec)
     with Console() as console:
         if options.like:
-            like = open_named(options.like, {}, console.show)
+            like = open_named(options.like, read_as(options), console.show)
             wo, wi = like.wo, like.wi
         else:
             wo, wi = _pairs(options)

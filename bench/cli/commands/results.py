@@ -37,13 +37,16 @@ from pathlib import Path
 
 from bench.cli.commands import _archives, say_line, table
 from bench.compare.publishing import published
-from bench.compare.reference import check_whole
-from bench.files.atomic import write
+from bench.compare.reference import check_whole, is_reference
+from bench.files.atomic import locked, write
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
 from bench.records import FILE, load_run, load_together
 from reports import WHY_EMPTY, table_text
 
-_BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
+_START = "<!-- neubtf-bench "
+_BLOCK = re.compile(
+    rf"(?P<start>{_START}(?P<words>[^\n]*?) -->\n)(?P<body>(?:(?!{_START}).)*?)(?P<end><!-- end -->)", re.S
+)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
     if not options.documents:
         raise InputError("results write: name a Markdown file")
     if options.action == "write":
-        for path, text in _out_of_date(options.documents):
+        for path, text in list(_out_of_date(options.documents)):  # all or, after an error in one, none
             write(path, text.encode())
             say_line(f"wrote {path}")
         return FINE
@@ -88,13 +91,16 @@ def _add_records(run: Path, file: Path) -> int:
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
     if file.name == FILE:  # what a run keeps for itself would be lost
         raise InputError(f"{file}: the records of a run have this name: give another one")
-    sources = [run]
-    if file.exists():
-        check_whole(load_run(file))  # its damaged records would be lost
-        sources = [file, run]  # of jobs that both have, those of the later source count
-    whole = load_together(sources)
-    text = published(whole)
-    with writable(file, "choose another FILE"):
+    with writable(file, "choose another FILE"), locked(file):  # another process may add to it
+        sources = [run]
+        if file.exists():
+            before = load_run(file)
+            check_whole(before)  # its damaged records would be lost
+            if is_reference(before):
+                raise InputError(f"{file}: it is a reference: give another FILE")
+            sources = [file, run]  # of jobs that both have, those of the later source count
+        whole = load_together(sources)
+        text = published(whole)
         write(file, text.encode())
     say_line(f"wrote {file}: {len(whole.jobs)} jobs, {len(text.encode()):,} bytes")
     return FINE
@@ -104,15 +110,22 @@ def _out_of_date(documents: list[Path]) -> Iterator[tuple[Path, str]]:
     """The documents of which a table differs from what its command makes now, each with its new text."""
     for path in documents:
         with readable(str(path), "name a Markdown file"):
-            text = path.read_text(encoding="utf-8")
-        new = _with_new_tables(path, text)
+            text = path.read_bytes().decode()
+        line_end = "\r\n" if "\r\n" in text else "\n"
+        new = _with_new_tables(path, text.replace("\r\n", "\n")).replace("\n", line_end)
         if new != text:
             yield path, new
 
 
 def _with_new_tables(path: Path, text: str) -> str:
-    """The text of a document with its tables as their commands make them now. `InputError` if it has none."""
-    if not _BLOCK.search(text):
+    """The text of a document with its tables as their commands make them now. `InputError` if it has none, and for one
+    without its end."""
+    starts = {block.start() for block in _BLOCK.finditer(text)}
+    for start in re.finditer(_START, text):
+        if start.start() not in starts:
+            line = text.count("\n", 0, start.start()) + 1
+            raise InputError(f"{path}, line {line}: this table has no `<!-- end -->` before the next one: add it")
+    if not starts:
         raise InputError(f"{path}: it has no table made by a command: see `neubtf-bench results --help`")
 
     def made_again(block: re.Match[str]) -> str:

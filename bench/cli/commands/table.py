@@ -104,6 +104,8 @@ def choice(options: argparse.Namespace) -> Choice | None:
         raise InputError("--against: not with --format raw, which has the numbers of every job alone")
     if options.column and options.format == "raw":
         raise InputError("--column: not with --format raw, which has every number: choose --format csv")
+    if options.name and options.format == "raw":
+        raise InputError("--name: not with --format raw, which has the names of records: choose --format csv")
     return Choice(options.codec, options.column, new_names(options.name), options.material, options.against)
 
 

@@ -109,4 +109,5 @@ def _write(path: Path, maps: Maps, table: Table, described: dict[str, Any], show
             render(maps, wo, wi, (size, size), SUB_POINTS, values, show, label)
             if all(np.isfinite(picture).all() for picture in values):
                 break
+        values.flush()  # to the disk, before a description says that it is there
     atomic.write(path.with_suffix(".json"), json.dumps(described, indent=1, sort_keys=True).encode())

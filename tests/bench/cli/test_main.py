@@ -1,6 +1,7 @@
 import argparse
 import errno
 import io
+import logging
 import re
 import signal
 import subprocess
@@ -408,3 +409,20 @@ def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypat
     assert error.startswith(f"neubtf-bench: {file}: ")
     assert error.count("\n") == 1
     assert not list(tmp_path.glob("*.partial"))
+
+
+def test_output_that_nobody_reads_is_no_success():
+    with subprocess.Popen([sys.executable, "-m", "bench.cli", "list"], stdout=subprocess.PIPE) as program:
+        program.stdout.close()
+        assert program.wait() == 141
+
+
+def test_a_warning_is_one_line_without_control_characters():
+    record = logging.LogRecord("bench", logging.WARNING, "", 1, "%s: dark", ("a\n::error::b\x1b[31m",), None)
+    assert cli._Visible().format(record) == r"a\n::error::b\x1b[31m: dark"
+
+
+def test_two_outputs_are_two_files(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["compare", "a", "b", "--markdown", "v.md", "--junit", "v.md"]) == 2
+    assert "v.md" in capsys.readouterr().err

@@ -151,6 +151,15 @@ def test_who_waits_is_let_in_one_at_a_time_though_the_lock_is_removed_each_time(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_link_stays_a_link_and_a_file_keeps_its_permissions(tmp_path):
+    (tmp_path / "real").write_bytes(b"old")
+    (tmp_path / "real").chmod(0o600)
+    (tmp_path / "link").symlink_to("real")
+    atomic.write(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink()
+    assert ((tmp_path / "real").read_bytes(), (tmp_path / "real").stat().st_mode & 0o777) == (b"new", 0o600)
+
+
 def test_a_link_to_the_folder_of_trained_networks_stays(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "here"))
     (tmp_path / "networks").mkdir()

@@ -323,6 +323,32 @@ def test_tables_of_a_document_come_from_records(packed, tmp_path, capsys):
     assert cli.main(["results", "check", str(page)]) == 1
 
 
+def test_what_stands_around_tables_is_never_lost(packed, tmp_path, capsys):
+    block = f"<!-- neubtf-bench table summary {packed / 'run'} -->\r\nold\r\n<!-- end -->\r\n"
+    good, bad = tmp_path / "good.md", tmp_path / "bad.md"
+    good.write_bytes(f"Words.\r\n{block}".encode())
+    bad.write_text(block.replace("<!-- end -->", "more words").replace("\r", "") + block.replace("\r", ""))
+    before = good.read_bytes(), bad.read_bytes()
+    assert cli.main(["results", "write", str(good), str(bad)]) == 2
+    assert f"{bad}, line 1: " in capsys.readouterr().err
+    assert (good.read_bytes(), bad.read_bytes()) == before
+    assert cli.main(["results", "write", str(good)]) == 0
+    assert good.read_bytes().count(b"\r\n") == good.read_bytes().count(b"\n")
+
+
+def test_results_references_and_measurements_do_not_replace_each_other(packed, tmp_path):
+    results, reference, data = tmp_path / "results.jsonl", tmp_path / "reference.jsonl", tmp_path / "data.zip"
+    assert cli.main(["results", "add", str(packed / "run"), str(results)]) == 0
+    assert cli.main(["compare", str(packed / "run"), "--update", "--wide", "-o", str(reference)]) == 0
+    with zipfile.ZipFile(data, "w") as archive:
+        archive.writestr("picture.png", b"")
+    before = [path.read_bytes() for path in (results, reference, data)]
+    assert cli.main(["compare", str(packed / "run"), "--update", "--wide", "-o", str(results)]) == 2
+    assert cli.main(["results", "add", str(packed / "run"), str(reference)]) == 2
+    assert cli.main(["results", "pack", str(packed / "run"), "-o", str(data)]) == 2
+    assert [path.read_bytes() for path in (results, reference, data)] == before
+
+
 KINDS = "run quick; table summary; table --format latex x.jsonl; table main rungs x.jsonl; table main --b x.jsonl"
 
 

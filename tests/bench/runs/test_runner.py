@@ -197,6 +197,14 @@ def test_what_is_spoiled_in_the_cache_is_fitted_anew(suffix, spoil, tmp_path, ca
     assert outcomes(tmp_path, MEAN)[0].cached == "record"
 
 
+def test_lost_arrays_are_made_again_of_the_files(tmp_path):
+    before = outcomes(tmp_path, MEAN)[0].record
+    (tmp_path / before["slices"]).unlink()
+    again = outcomes(tmp_path, MEAN)[0]
+    assert (again.cached, again.record["scores"]) == ("file", before["scores"])
+    assert (tmp_path / before["slices"]).exists()
+
+
 @pytest.mark.long
 def test_what_was_put_in_a_files_place_is_not_timed(tmp_path):
     mean, pca = (outcome.record for outcome in outcomes(tmp_path))

@@ -349,3 +349,15 @@ def test_the_suite_of_the_page_is_what_its_comments_say():
 def test_settings_of_the_data_of_a_suite_without_materials_are_kept():
     suite = parse_suite("test", '[[codecs]]\ncodec = "pca"\n')
     assert with_changes(suite, [], [], {"data.size": "8"}).data.size == 8
+
+
+@pytest.mark.parametrize("name", ["", " "])
+def test_a_material_has_a_name(name):
+    with pytest.raises(InputError, match="blank"):
+        parse_suite("s", f'materials = [{{name = "{name}", path = "a.npz"}}]\ncodecs = [{{codec = "pca"}}]')
+
+
+def test_a_suite_may_begin_with_a_byte_order_mark(tmp_path):
+    text = 'materials = ["satin"]\ncodecs = [{codec = "pca"}]'
+    (tmp_path / "s.toml").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert load_suite(str(tmp_path / "s.toml")).text == text
