@@ -93,6 +93,7 @@ def _run(words: list[str]) -> int:
             options = parser(words[:1]).parse_args(words)
             _refuse_overwriting(options)
             code: int = options.command(options)
+            sys.stdout.flush()  # here, where an error has an exit code
             return code
     except InputError as error:
         if DEBUG in words:
@@ -103,7 +104,7 @@ def _run(words: list[str]) -> int:
         print("\nneubtf-bench: interrupted; finished work is kept", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # nobody reads the output any more, as after `| head`
-        sys.stderr.close()  # else Python complains about it at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python fails on the rest at its end
         return UNREAD
     except Exception as error:
         why = unwritable(error) if isinstance(error, OSError) else ""
