@@ -93,8 +93,8 @@ def test_a_report_draws_the_formats_again_that_are_there(made):
     figures = made.folder / "figures"
     (one,) = figures.glob("significance-satin.png")
     (figures / "significance-satin.svg").write_text("of an earlier report")
-    (figures / "significance-gone.svg").write_text("of a material that is gone")
+    (figures / "significance-mine.svg").write_text("of no material of the run, so perhaps a user's own")
     write_report(made.folder)
     assert "</svg>" in one.with_suffix(".svg").read_text()
-    assert not (figures / "significance-gone.svg").exists()
+    assert (figures / "significance-mine.svg").exists()
     assert not list(figures.glob("*.pdf"))

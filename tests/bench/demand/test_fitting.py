@@ -237,7 +237,7 @@ def test_encode_writes_the_scene_model_and_its_table(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "outside" in out
     assert container.read_header(tmp_path / "out.nbtf").settings["scene"] is True
-    assert cli.main([*words, "--scene", str(tmp_path / "near.npz"), "--target-psnr", "48"]) == 1
+    assert cli.main([*words, "--scene", str(tmp_path / "near.npz"), "--target-psnr", "48.13"]) == 1
     capsys.readouterr()
     for target in ("99", "nan"):  # which no frames can have
         assert cli.main([*words, "--scene", str(tmp_path / "near.npz"), "--target-psnr", target]) == 2
