@@ -372,7 +372,7 @@ class BiplaneMaterial(Material):
         plane_numbers_read = 4 * FEATURES  # of four texels of the plane
         flops = decoder.flops + matrix + offset + 2 * plane_numbers_read  # each is multiplied and added
         cost = DecoderCost.of_texture(texture, parameters, flops)  # adds the texture's own reads
-        bytes_read = cost.bytes_per_sample + 4 * plane_numbers_read
+        bytes_read = cost.bytes_per_sample + 4 * plane_numbers_read  # float32
         cost = replace(cost, table_floats=half.numel(), bytes_per_sample=bytes_read)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder = decoder

@@ -163,7 +163,7 @@ class TriplePlaneMaterial(GriddedMaterial):
         plane_numbers_read = 2 * 4 * channels  # of four texels of each of the two planes over directions
         flops = settings.architecture.flops + 2 * plane_numbers_read  # each is multiplied and added
         super().__init__(network, grids, flops, gain)  # adds the grids' own reads
-        bytes_read = self.cost.bytes_per_sample + 4 * plane_numbers_read
+        bytes_read = self.cost.bytes_per_sample + 4 * plane_numbers_read  # float32
         table_floats = sum(plane.numel() for plane in planes)
         self.cost = replace(self.cost, table_floats=table_floats, bytes_per_sample=bytes_read)
         self.difference = settings.difference

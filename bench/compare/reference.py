@@ -47,9 +47,9 @@ def committed(suite: str) -> Path:
     return Path(str(files("bench.compare"))) / "references" / f"{suite}.jsonl"
 
 
-def is_reference(run: Run) -> bool:
-    """Whether records are those of a reference: unlike those of results, its start has no name."""
-    return not any("run" in start for start in run.starts)
+def names_its_runs(run: Run) -> bool:
+    """Whether records are results, which name the starts that measured them; a reference names none."""
+    return any("run" in line for line in (*run.starts, *run.jobs))
 
 
 class Update(NamedTuple):
@@ -74,7 +74,7 @@ def update(run: Run, path: Path, wide: bool) -> Update:
     before = load_run(path) if path.is_file() else None
     if before:
         check_whole(before)
-        if not is_reference(before):
+        if names_its_runs(before):
             raise InputError(f"{path}: it holds results, not a reference: give --out another name")
     text = reference(run, before)
     with tempfile.TemporaryDirectory() as folder:  # judged before it replaces the one that is there

@@ -37,7 +37,7 @@ from pathlib import Path
 
 from bench.cli.commands import _archives, say_line, table
 from bench.compare.publishing import published
-from bench.compare.reference import check_whole, is_reference
+from bench.compare.reference import check_whole, names_its_runs
 from bench.files.atomic import locked, write
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
 from bench.records import FILE, load_run, load_together
@@ -96,7 +96,7 @@ def _add_records(run: Path, file: Path) -> int:
         if file.exists():
             before = load_run(file)
             check_whole(before)  # its damaged records would be lost
-            if is_reference(before):
+            if before.starts and not names_its_runs(before):
                 raise InputError(f"{file}: it is a reference: give another FILE")
             sources = [file, run]  # of jobs that both have, those of the later source count
         whole = load_together(sources)
