@@ -201,9 +201,10 @@ def _cosine_or_one(wi: Tensor, cosine: bool) -> Tensor:
 
 
 def basis(wo: Tensor, wi: Tensor, bands: list[int], light_functions: Callable[[Tensor, int], Tensor]) -> Tensor:
-    """The products (n, K) of the functions of lights and the harmonics of views, both (n, 3), of as many bands each.
+    """The products (n, K) of the functions of lights and the harmonics of views, both (n, 3).
 
-    Of each function of the light there are the products with all harmonics of the view.
+    `bands` are the numbers of bands of the light and of the view, in this order. Of each function of the light there
+    are the products with all harmonics of the view.
     """
     light, view = light_functions(wi, bands[0]), harmonics(wo, bands[1])
     return (light[:, :, None] * view[:, None]).flatten(1)

@@ -166,15 +166,15 @@ class TriplePlaneMaterial(GriddedMaterial):
         bytes_read = self.cost.bytes_per_sample + 4 * plane_numbers_read  # float32
         table_floats = sum(plane.numel() for plane in planes)
         self.cost = replace(self.cost, table_floats=table_floats, bytes_per_sample=bytes_read)
-        self.difference = settings.difference
-        self.half, self.diff = planes
+        self.turn = settings.difference  # how the difference vector is turned
+        self.half_plane, self.difference_plane = planes
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
         of detail."""
-        h, d = half_and_difference(wo, wi, self.difference)
+        h, d = half_and_difference(wo, wi, self.turn)
         # Weights of halves may add up to a little more than 1.
-        of_half = saturated(sample_texture(self.half, places(h, len(self.half))))
-        of_difference = saturated(sample_texture(self.diff, places(d, len(self.diff))))
+        of_half = saturated(sample_texture(self.half_plane, places(h, len(self.half_plane))))
+        of_difference = saturated(sample_texture(self.difference_plane, places(d, len(self.difference_plane))))
         level = self.network(torch.cat([self.latents(uv, wo), of_half, of_difference], 1))
         return to_radiance(level, self.gain)

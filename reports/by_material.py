@@ -366,10 +366,10 @@ def _scene_notes(material: MaterialRows) -> list[str]:
     ]
 
 
-def _and_last_notes(
+def _all_notes(
     notes_of: Callable[[MaterialRows], Sequence[str]] = common_notes, first: Sequence[str] = ()
 ) -> Callable[[MaterialRows], list[str]]:
-    """A function that gives the notes of a table, after some `first` ones; the last are on models of a scene and on
+    """A function that gives all notes of a table: some `first` ones, its own, then those on models of a scene and on
     seeds."""
     return lambda material: [*first, *notes_of(material), *scene_notes([material]), *_seed_notes(material)]
 
@@ -388,18 +388,18 @@ _BOXES = "Answers over a square of this many texels a side, compared with the bo
 _WHERE = "dB: display PSNR by direction (and number of slices) and by footprint. RMSE: of radiance, over its mean."
 _SLICES = "as papers report it, mean ± std over slices"
 _TABLES = {
-    "main": _Described("main", "", _main, _and_last_notes(main_notes)),
+    "main": _Described("main", "", _main, _all_notes(main_notes)),
     # A main table for a page that is too narrow for all of its columns is two.
-    "quality": _Described("main", "quality", _quality, _and_last_notes(quality_notes)),
-    "cost": _Described("main", "size and time", lambda _: (*_SIZE, *_times()), _and_last_notes(cost_notes)),
+    "quality": _Described("main", "quality", _quality, _all_notes(quality_notes)),
+    "cost": _Described("main", "size and time", lambda _: (*_SIZE, *_times()), _all_notes(cost_notes)),
     # For a terminal: a main table, one of a file without a run, and both footprints and directions.
-    "short": _Described("main", "", _short, _and_last_notes(main_notes)),
-    "scored": _Described("main", "", _scored, _and_last_notes(main_notes)),
+    "short": _Described("main", "", _short, _all_notes(main_notes)),
+    "scored": _Described("main", "", _scored, _all_notes(main_notes)),
     "detail": _Described("detail", "where the error lies", _detail, lambda _: [_WHERE]),
-    "slices": _Described("slices", _SLICES, _slices, _and_last_notes(quality_notes)),
-    "angular": _Described("angular", "display PSNR by direction", _angular, _and_last_notes()),
-    "radiance": _Described("radiance", "error of radiance by direction", _radiance, _and_last_notes(first=[_RELATIVE])),
-    "footprints": _Described("footprints", "display PSNR by footprint", _footprints, _and_last_notes(first=[_BOXES])),
+    "slices": _Described("slices", _SLICES, _slices, _all_notes(quality_notes)),
+    "angular": _Described("angular", "display PSNR by direction", _angular, _all_notes()),
+    "radiance": _Described("radiance", "error of radiance by direction", _radiance, _all_notes(first=[_RELATIVE])),
+    "footprints": _Described("footprints", "display PSNR by footprint", _footprints, _all_notes(first=[_BOXES])),
     "scene": _Described("scene", "scores in the scene", _scene, _scene_notes),
 }
 

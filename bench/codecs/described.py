@@ -6,6 +6,7 @@ from bench.codec import Codec, described_settings
 from bench.codecs import registry
 from bench.inputs import plugins
 from bench.inputs.errors import InputError
+from bench.inputs.settings import as_typed
 
 _SUITE = """@software{neubtfbench,
   author = {{The NeuBTF bench authors}},
@@ -46,8 +47,6 @@ def _settings_in_words(codec: type[Codec]) -> list[tuple[str, str, str, str]]:
         published = ""
         if paper is not None:
             # A setting that the recipe does not name has its default there.
-            settings_of_paper = {"recipe": "paper"} | dict(paper)
-            value = settings_of_paper.get(each.name, each.default)
-            published = str(value).lower() if isinstance(value, bool) else str(value)  # as the default is written
+            published = as_typed("paper" if each.name == "recipe" else paper.get(each.name, each.default))
         settings.append((each.name, each.meaning, each.default, published))
     return settings

@@ -270,11 +270,14 @@ def descriptions(settings: type) -> list[Setting]:
     comments = _comments(settings)
     described = []
     for field in dataclasses.fields(settings):
-        is_bool = isinstance(field.default, bool)
-        default = str(field.default).lower() if is_bool else str(field.default)  # as `--set` takes it
         allowed = _allowed_in_words(kinds[field.name])
-        described.append(Setting(field.name, default, allowed, comments.get(field.name, "")))
+        described.append(Setting(field.name, as_typed(field.default), allowed, comments.get(field.name, "")))
     return described
+
+
+def as_typed(value: object) -> str:
+    """The value of a setting as TOML and `--set` take it: `true`, not `True`."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _comments(settings: type) -> dict[str, str]:

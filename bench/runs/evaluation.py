@@ -102,21 +102,21 @@ def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show:
 
 
 def record_of_scores(
-    workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress
+    workbench: Workbench, material: Material, stem: str, threads: int, keep: Keep, show: Progress
 ) -> Job:
-    """Score any material: its record without settings and bytes; kept files are called after `name`.
+    """Score any material: its record without settings and bytes; kept files are called after `stem`.
 
     Pairs are scored by `threads` threads of PyTorch. `keep` stores scores by slice, angular maps and pictures in files.
     """
     # What needs answers of the material: scores of pairs and of footprints, pictures and frames.
-    decoder = Slices(workbench, material, show)
+    slices = Slices(workbench, material, show)
     with torch_threads(threads):
-        scores = workbench.scorer.score(workbench.scored, decoder.slice_with_progress)
-        lowest = _at_low_light(workbench, decoder)
-        coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.boxes, workbench.exposure, COARSE)
-        between = _between_texels(workbench, decoder)
-        pictures = _pictures(workbench, decoder)
-        in_scene = _in_scene(workbench, material, name, keep)
+        scores = workbench.scorer.score(workbench.scored, slices.slice_with_progress)
+        lowest = _at_low_light(workbench, slices)
+        coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, slices.boxes, workbench.exposure, COARSE)
+        between = _between_texels(workbench, slices)
+        pictures = _pictures(workbench, slices)
+        in_scene = _in_scene(workbench, material, stem, keep)
     summary = _summary_of_groups(workbench, scores) | lowest
     finest = summary[deciding_group(workbench.groups)]["metrics"][PSNR]
     # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
@@ -124,16 +124,16 @@ def record_of_scores(
     angular = {"polar": scoring.polar_maps(scores, workbench.btf.wo, workbench.btf.wi)}
     record: Job = {
         "shape": list(workbench.btf.shape),
-        "pairs": {name: len(pairs) for name, pairs in workbench.groups.items()},
+        "pairs": {group: len(pairs) for group, pairs in workbench.groups.items()},
         "views": len(workbench.btf.without_low_light().layout.views),
         "provenance": cast(Provenance, workbench.btf.provenance),
         **_costs(material),
-        "metrics": {name: metric_facts(get_metric(name)) for name in workbench.scorer.names},
+        "metrics": {metric: metric_facts(get_metric(metric)) for metric in workbench.scorer.names},
         "scores": read_scores(summary),
         "footprints": {"1": at_one_texel} | scoring.summarise_footprints(coarse),
-        "slices": keep(f"slices/{name}.npz", _arrays_of_slices(workbench, scores, coarse)),
-        "angular": keep(f"angular/{name}.json", angular),
-        "pictures": keep(f"pictures/{name}.npz", pictures),
+        "slices": keep(f"slices/{stem}.npz", _arrays_of_slices(workbench, scores, coarse)),
+        "angular": keep(f"angular/{stem}.json", angular),
+        "pictures": keep(f"pictures/{stem}.npz", pictures),
     }
     if workbench.exposed.fault:
         record["black"] = workbench.exposed.black
@@ -166,7 +166,7 @@ def _summary_of_groups(workbench: Workbench, scores: scoring.Scores) -> dict[str
     return summary
 
 
-def _at_low_light(workbench: Workbench, decoder: "Slices") -> dict[str, Any]:
+def _at_low_light(workbench: Workbench, slices: "Slices") -> dict[str, Any]:
     """The means of scores over the pairs of low light, as the group of that name; empty without such pairs.
 
     They are scored apart, so that no map, bin or mean of the other pairs holds them.
@@ -174,22 +174,22 @@ def _at_low_light(workbench: Workbench, decoder: "Slices") -> dict[str, Any]:
     pairs = workbench.groups.get(LOW_LIGHT)
     if pairs is None:
         return {}
-    scores = workbench.scorer.score(pairs, decoder.slice)
+    scores = workbench.scorer.score(pairs, slices.slice)
     summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, {LOW_LIGHT: pairs})
     return {LOW_LIGHT: summary[LOW_LIGHT]}
 
 
-def _between_texels(workbench: Workbench, decoder: "Slices") -> Job:
+def _between_texels(workbench: Workbench, slices: "Slices") -> Job:
     """The field `between` of a record: the mean display PSNR between texels, and that of the same pairs at texel
     centres.
 
     Empty without a rendering of the truth there, and for stored slices, which answer nowhere but at texel centres.
     """
     truth = workbench.btf.between
-    if truth is None or isinstance(decoder.material, SlicesMaterial):
+    if truth is None or isinstance(slices.material, SlicesMaterial):
         return {}
-    between = scoring.footprint_errors(truth, range(len(truth)), decoder.between, workbench.exposure, [1])
-    centres = scoring.footprint_errors(workbench.btf, workbench.at_centres, decoder.boxes, workbench.exposure, [1])
+    between = scoring.footprint_errors(truth, range(len(truth)), slices.between, workbench.exposure, [1])
+    centres = scoring.footprint_errors(workbench.btf, workbench.at_centres, slices.boxes, workbench.exposure, [1])
     means: Between = {
         "mean": _mean_at_one_texel(between),
         "centres": _mean_at_one_texel(centres),
@@ -308,7 +308,7 @@ def _arrays_of_slices(
     return arrays
 
 
-def _pictures(workbench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
+def _pictures(workbench: Workbench, slices: Slices) -> dict[str, np.ndarray]:
     """The n shown slices as 8-bit pictures (n, H, W, 3): `truth` and `decoded` for a display, and `flip`, FLIP maps in
     magma, which too small slices lack.
 
@@ -316,7 +316,7 @@ def _pictures(workbench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
     and `wi_deg` (n, 2) their directions as (θ, φ) in degrees.
     """
     truth = np.stack([workbench.btf[pair] for pair in workbench.shown])
-    decoded = np.stack([decoder.slice(pair) for pair in workbench.shown])
+    decoded = np.stack([slices.slice(pair) for pair in workbench.shown])
     pictures = {
         "truth": np.round(to_display(truth, workbench.exposure) * 255).astype(np.uint8),
         "decoded": np.round(to_display(decoded, workbench.exposure) * 255).astype(np.uint8),

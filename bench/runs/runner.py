@@ -390,7 +390,7 @@ def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show:
         if material.opaque:  # another program answers: its time would be that of exchanging files
             continue
         try:  # scoring asked for the pairs of the BTF, timing asks for any directions
-            material.query(*timing.random_queries(timing.batch_on(device), material.size, torch.device(device)))
+            material.query(*timing.random_queries(timing.batch_on(device), torch.device(device)))
         except Exception as error:  # the results of all others must not be lost with it
             log.warning("%s: not timed: %s: %s", job["job"], type(error).__name__, error)
             continue

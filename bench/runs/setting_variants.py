@@ -155,7 +155,7 @@ class _Measuring:
         variants = _possible_variants(material)
         names = {f"{setting}/{variant}/{batch}/{self.device}": variant for variant in variants}
         missing = {name: variant for name, variant in names.items() if name not in self.done}
-        queries = random_queries(batch, material.size, self.device)
+        queries = random_queries(batch, self.device)
         ready = self.ready_variants(label, material, missing, queries)
         if not ready:
             return
@@ -282,7 +282,7 @@ def difference_from_exact(ready: Material, exact: Material, precision: str) -> f
 
     `InputError` if it is not finite: a short type may overflow, and no record holds such a number.
     """
-    queries = random_queries(CHECKED, exact.size, exact.device)
+    queries = random_queries(CHECKED, exact.device)
     answers = ready.query(*queries).double()
     truth = exact.query(*queries).double()
     absolute, relative = TOLERANCES[precision]

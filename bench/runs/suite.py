@@ -36,7 +36,18 @@ from bench.data.kinds import kind_of
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
 from bench.inputs.errors import CodecError, InputError, MissingDataError, did_you_mean, shown
-from bench.inputs.settings import Seed, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
+from bench.inputs.settings import (
+    Seed,
+    Share,
+    Threads,
+    as_typed,
+    converted,
+    fields,
+    parse_toml,
+    read_toml,
+    shipped_toml,
+    table,
+)
 from bench.metrics import DEFAULTS, chosen_names, refuse_taken_names
 from bench.records import Job
 from bench.records.schema import job_name
@@ -77,8 +88,7 @@ def _label(codec: str, settings: dict[str, Any]) -> str:
     for key, value in sorted(settings.items()):
         if codec == COMMAND and key in UNLABELLED:  # the user names it: command lines are no useful name
             continue
-        written = str(value).lower() if isinstance(value, bool) else value  # as TOML and the command line write it
-        words.append(f"{key}={written}")
+        words.append(f"{key}={as_typed(value)}")
     return " ".join(words)
 
 

@@ -314,7 +314,7 @@ def _time_in_turns(
     """The times of materials in turns with each other and with the ceilings, and the ceilings, raised where a turn
     reached more."""
     first = next(iter(materials.values()))  # its size and device stand for those of all
-    queries = random_queries(batch, first.size, first.device)
+    queries = random_queries(batch, first.device)
     # What takes turns, by name: each material, and for each ceiling a matrix product and a copy of memory.
     calls: dict[str, Callable[[], Any]] = {name: partial(each.query, *queries) for name, each in materials.items()}
     for ceiling in ceilings:

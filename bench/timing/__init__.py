@@ -42,9 +42,8 @@ STABLE = 0.1  # a call is warm if two in a row differ by less
 MOST_WARM_UPS = 10
 
 
-def random_queries(batch: int, size: tuple[int, int], device: torch.device) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """A batch of queries for a material of a size, the same each time: uv (n, 2), wo and wi (n, 3) up to 75°, and
-    footprint (n,), which is 0."""
+def random_queries(batch: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """A batch of queries, the same each time: uv (n, 2), wo and wi (n, 3) up to 75°, and footprint (n,), which is 0."""
     rng = np.random.default_rng(0)
     uv = torch.from_numpy(rng.random((batch, 2), np.float32))
     wo = torch.from_numpy(uniform(rng, batch))
@@ -125,11 +124,12 @@ def time_materials(
 ) -> dict[str, Timing]:
     """Time the whole query of each material in turns, `TURNS` by default; the row `FLOOR` is one bilinear fetch.
 
-    A call answers `batch` samples, by default as many as are usual on the device.
+    A call answers `batch` samples, by default as many as are usual on the device. All materials are on one device; the
+    size of the first stands for those of all.
     """
     first = next(iter(materials.values()))
     samples = batch or batch_on(first.device)
-    queries = random_queries(samples, first.size, first.device)
+    queries = random_queries(samples, first.device)
     calls = {name: partial(material.query, *queries) for name, material in materials.items()}
     return in_turns(calls, samples, first.size, threads, first.device, show, turns)
 
@@ -146,7 +146,7 @@ def in_turns(
     """Time calls that each answer `batch` samples, each between two floors of `size`, in random order, in so many turns
     (`TURNS` by default)."""
     turns = turns or TURNS
-    floor = partial(_Floor(size).to(device).query, *random_queries(batch, size, device))
+    floor = partial(_Floor(size).to(device).query, *random_queries(batch, device))
     rng = np.random.default_rng(0)
     clock = clock_of(threads)
     orders = [rng.permutation(len(calls)) for _ in range(turns)]

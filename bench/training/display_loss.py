@@ -39,13 +39,15 @@ class DisplayLoss(nn.Module):
         `both` is their mean loss of that name (`fitting.distance`), which counts alone in the first half of a fit;
         `progress` is the share of the fit that is done, 0 to 1.
         """
-        error = (displayed(ours) - displayed(target)).square().mean(1)
-        with torch.no_grad():
+        is_shown = progress >= SHOWN_FROM
+        with torch.set_grad_enabled(is_shown and torch.is_grad_enabled()):
+            error = (displayed(ours) - displayed(target)).square().mean(1)
+        with torch.no_grad():  # the sums run from the first step on, so that they are known when they begin to count
             self.error.mul_(DECAY).index_add_(0, direction, error)
             self.count.mul_(DECAY).index_add_(0, direction, torch.ones_like(error))
             mean = self.error.sum() / self.count.sum()
             # As if each direction had one more sample, with the mean error: one with few samples so far counts as that.
             of_slice = (self.error[direction] + mean) / (self.count[direction] + 1)
-        if progress < SHOWN_FROM:
+        if not is_shown:
             return both
         return WEIGHT * (error / of_slice.clamp_min(LEAST_ERROR)).mean() + LOG_SHARE * both

@@ -99,4 +99,10 @@ def _unknown_fault(seen: Candidate, supported: str) -> str:
 
         if has_pictures(os.listdir(seen.path)) or inner_maps(seen.path):
             return no_albedo_fault(seen.path)
-    return f"{seen.described} give {supported}"
+        listed = ", ".join(sorted(os.listdir(seen.path))[:3]) or "nothing"
+        remedy = "add pairs.csv, or names of maps like NAME_albedo.png, or give"
+        return f"it is not a BTF folder (it holds {listed}): {remedy} {supported}"
+    if seen.is_zip:
+        listed = ", ".join(seen.names[:3]) or "nothing"
+        return f"it is not an archive of a known BTF (it holds {listed}): give {supported}"
+    return f"it begins with {seen.head[:10]!r}, like no known BTF: give {supported}"

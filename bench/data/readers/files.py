@@ -169,19 +169,6 @@ class Candidate:
         line, _, _ = text.partition("\n")
         return line.strip()
 
-    @property
-    def described(self) -> str:
-        """Words for why it is not a known BTF, and the start of a remedy, which the caller ends with `give …`."""
-        if self.is_folder:
-            names = sorted(path.name for path in self.path.iterdir())
-            listed = ", ".join(names[:3]) or "nothing"
-            remedy = "add pairs.csv, or names of maps like NAME_albedo.png, or"
-            return f"it is not a BTF folder (it holds {listed}): {remedy}"
-        if self.is_zip:
-            listed = ", ".join(self.names[:3]) or "nothing"
-            return f"it is not an archive of a known BTF (it holds {listed}):"
-        return f"it begins with {self.head[:10]!r}, like no known BTF:"
-
 
 def text_of(data: bytes) -> str:
     """The text of the bytes of a file: in UTF-16 if its mark comes first, else in UTF-8, or in Latin-1 if that fails.

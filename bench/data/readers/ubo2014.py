@@ -238,13 +238,13 @@ def _read_directions(cursor: Cursor) -> tuple[Array, Array]:
 
 
 def _directions(path: Path, side: str, stored: Array) -> Array:
-    """Unit vectors (n, 3) float32 of n views or lights, whose bytes are θ, φ: little-endian floats of 4 bytes, radians.
+    """Unit vectors (n, 3) float32 of n views or lights.
 
-    `InputError` if one is out of range or stands twice, in which `side` is the word for it: view or light.
+    `stored` are their bytes, of any shape: θ and φ of each, little-endian floats of 4 bytes, in radians. `InputError`
+    if one is out of range or stands twice, in which `side` is the word for it: view or light.
     """
-    with np.errstate(invalid="ignore"):
-        # Contiguous, because only such bytes can be seen as floats.
-        angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
+    # Contiguous, because only such bytes can be seen as floats.
+    angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2)
     return different_directions(angles[:, 0], angles[:, 1], lambda index: f"{path}: {side} {index}")
 
 

@@ -27,7 +27,7 @@ OFF = -20.0  # raw share of a lobe that is switched off
 LOWEST_VIEW, LOWEST_LIGHT = 84.0, 89.9  # degrees from the normal: limit of fitted views, and of lights
 LEAST_COSINE = 0.05  # share of the cosine in the mixture, so that every light can be drawn
 LEAST_ROUGHNESS = 0.03
-START = (0.0, -1.0, -1.0, 0.0, 0.0)  # equal shares, roughness 0.29, no tilt
+START = (0.0, -1.0, -1.0, 0.0, 0.0)  # share 0.475, roughness 0.29, no tilt
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,17 @@ class Lobe:
 
     @classmethod
     def from_stored(cls, raw: Tensor) -> "Lobe":
-        """Lobes from the five stored numbers (n, 5); all numbers are valid."""
+        """Lobes from the five stored numbers (n, 5); all numbers are valid.
+
+        They are, before a sigmoid, the share and the roughness along and across; before a tanh, the tilt along x and y.
+        """
         share = (1 - LEAST_COSINE) * raw[:, 0].sigmoid()
         along, across = (LEAST_ROUGHNESS + (1 - LEAST_ROUGHNESS) * raw[:, 1:3].sigmoid()).unbind(1)
         x, y = raw[:, 3:].tanh().unbind(1)
         normal = _unit(torch.stack([x, y, torch.ones_like(x)], 1))
         # The x axis less its part along the normal.
-        across_normal = [1 - normal[:, 0] ** 2, -normal[:, 0] * normal[:, 1], -normal[:, 0] * normal[:, 2]]
-        first = _unit(torch.stack(across_normal, 1))
+        tangent = [1 - normal[:, 0] ** 2, -normal[:, 0] * normal[:, 1], -normal[:, 0] * normal[:, 2]]
+        first = _unit(torch.stack(tangent, 1))
         return cls(share, along, across, (first, torch.linalg.cross(normal, first), normal))
 
     def _along_axes(self, directions: Tensor) -> Tensor:
