@@ -9,7 +9,6 @@ sentence on one change that matters. *Advice* is a sentence on a change of the t
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
-from operator import attrgetter
 
 from bench.compare.comparison import Comparison
 from bench.compare.quantities import MAIN, Quantity
@@ -17,8 +16,9 @@ from bench.compare.rows import ABSENT, ComparedRow
 from bench.compare.verdicts import Change, Verdict
 from bench.records import codec_of, grouped
 from reports.numbers import NONE, NOT_COMPARABLE
-from reports.table import BOLD, Table
-from reports.text import escaped, grid, plain, wrapped
+from reports.table import Table
+from reports.text import escaped, plain, wrapped
+from reports.text import markdown as in_markdown
 
 # The emoji of verdicts in Markdown; all others, which fail the comparison, have a ❌.
 _LOOKS = {Verdict.UNLIKE: "➖", Verdict.BETTER: "✅", Verdict.SAME: "✅", Verdict.NEW: "🆕"}
@@ -103,28 +103,27 @@ def _absent_line(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) 
 
 
 def markdown(comparison: Comparison) -> str:
-    """The comparison as Markdown: the summary, findings, the table of verdicts, and everything else folded away."""
-    rows_and_means = [*comparison.rows, *comparison.means]
-
+    """The comparison as Markdown: the summary, findings, the tables of verdicts, and everything else folded away."""
     remarks = []
-    for row in rows_and_means:
+    for row in (*comparison.rows, *comparison.means):
         findings = [(_MARKS[verdict], text) for verdict, text in row.findings()]
         findings += [("ℹ️ note", text) for text in row.notes]
         if row.advice:
             findings.append(("⏱️ advice", row.advice))
         remarks += [f"- {mark}: **{escaped(row.name)}**: {escaped(text)}" for mark, text in findings]
 
-    blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(remarks)]
-    if comparison.rows:
-        verdicts = _combined_table(rows_and_means, attrgetter("deciding"), "verdict", lambda row: _MARKS[row.verdict])
-        blocks.append(grid(verdicts))
-
-    rows = [row for row in comparison.rows if row.shown]  # `shown` has the changes that do not decide
-    if rows:
-        rest = grid(_combined_table(rows, attrgetter("shown"), "time, × floor", _time_cell))
-        # The empty line lets GitHub read the table inside the HTML as Markdown.
-        blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
-    blocks += [escaped(note) for note in comparison.notes]
+    deciding = []
+    others = []
+    for material, rows in grouped(comparison.rows, lambda row: row.material).items():
+        deciding.append(_deciding_table(material, rows, _MARKS.__getitem__))
+        others += _undeciding_tables(material, rows)
+    if comparison.means:
+        deciding.append(_deciding_table(comparison.means[0].material, comparison.means, _MARKS.__getitem__))
+    blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(remarks), in_markdown(deciding).strip()]
+    if others:
+        # The empty line lets GitHub read the tables inside the HTML as Markdown.
+        blocks += [f"<details><summary>Everything else</summary>\n\n{in_markdown(others)}</details>"]
+    blocks += map(escaped, _legend(comparison))
     return "\n\n".join(block for block in blocks if block) + "\n"
 
 
@@ -133,8 +132,8 @@ def _word(verdict: Verdict) -> str:
     return NOT_COMPARABLE if verdict == Verdict.UNLIKE else verdict
 
 
-def _deciding_table(material: str, rows: Sequence[ComparedRow]) -> Table:
-    """The table of the quantities that decide, a row a codec; `material` is its title.
+def _deciding_table(material: str, rows: Sequence[ComparedRow], word: Callable[[Verdict], str] = _word) -> Table:
+    """The table of the quantities that decide, a row a codec; `material` is its title, `word` writes a verdict.
 
     A metric has a column of its change and margin; PSNR has one of its value, too. A size, which is no metric, has one
     column of value and change. The last column is the verdict.
@@ -150,7 +149,7 @@ def _deciding_table(material: str, rows: Sequence[ComparedRow]) -> Table:
         line = [row.label]
         for quantity in quantities:
             line += _deciding_cells(quantity, _change_of(quantity, row.deciding))
-        lines.append([*line, _word(row.verdict)])
+        lines.append([*line, word(row.verdict)])
     return Table("compare", material, [*headers, ("verdict", "")], lines)
 
 
@@ -204,52 +203,6 @@ def _difference_cell(change: Change | None) -> str:
     if change.verdict == Verdict.UNLIKE:
         return NOT_COMPARABLE
     return change.quantity.difference(change.difference)
-
-
-def _combined_table(
-    rows: Sequence[ComparedRow],
-    changes_of: Callable[[ComparedRow], list[Change]],
-    last_header: str,
-    last_cell: Callable[[ComparedRow], str],
-) -> Table:
-    """One table over all materials: value, change and margin of each quantity in one cell.
-
-    A cell is bold where its change makes a row worse or better. `changes_of` gives the changes to show of a row, and
-    `last_cell` its cell in the last column, which `last_header` names.
-    """
-    quantities = _quantities(map(changes_of, rows))
-    cells = []
-    marks: dict[tuple[int, int], str] = {}
-    for number, row in enumerate(rows):
-        changes = [_change_of(quantity, changes_of(row)) for quantity in quantities]
-        cells.append([row.material, row.label, *map(_combined_cell, changes), last_cell(row)])
-        for column, change in enumerate(changes, 2):  # after the columns of material and codec
-            if change and change.verdict in (Verdict.WORSE, Verdict.BETTER):
-                marks[number, column] = BOLD
-    headers = [("material", ""), ("codec", "")]
-    for quantity in quantities:
-        title = quantity.name.replace("_", " ")
-        if quantity.unit:  # name and unit stand on one line in Markdown: "PSNR, dB ↑", but "SSIM ↑"
-            title += ","
-        headers.append((title, quantity.scale))
-    # The first two columns, material and codec, hold words; the others hold numbers.
-    return Table("compare", "", [*headers, (last_header, "")], cells, words=2, marks=marks)
-
-
-def _combined_cell(change: Change | None) -> str:
-    """A change in one cell: the new value, its difference if it is not 0, and the margin; a dash without a change."""
-    if change is None:
-        return NONE
-    quantity = change.quantity
-    text = quantity.written(change.new)
-    if change.verdict == Verdict.UNLIKE:
-        return f"{text} (not comparable)"
-    difference = change.difference or 0.0
-    if quantity.shows(difference):
-        text += f" ({quantity.difference(difference)})"
-    if change.margin:
-        text += f", ± {quantity.written(change.margin)}"
-    return text
 
 
 def _time_cell(row: ComparedRow) -> str:
