@@ -7,14 +7,14 @@ can make a job worse.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 from bench.compare.statistics import average
 from bench.metrics import PERIODIC, all_exact, in_decibels, metric_of
-from bench.records import FLIP, MOST_DB, PSNR, Job, Statistics, deciding_group, metrics_of
+from bench.records import FLIP, MOST_DB, PSNR, Job, deciding_group, metrics_of
 
 FOOTPRINTS = "footprints"  # in place of a metric's name: PSNR of averages over squares of 2, 4 and 8 texels
 MAIN = "PSNR"  # the mean over slices, which tables rank by
@@ -116,18 +116,18 @@ def deciding(job: Job) -> list[Quantity]:
     names = metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
-        quantities.append(_mean_psnr(MAIN, psnr, [group], BY_SLICE))
+        # Means over slices: a few slices do not dominate these, so they scatter less.
+        quantities.append(_of_metric(MAIN, job, psnr, [group], "mean", 2, BY_SLICE))
         if "train" in job["scores"]:
-            quantities.append(_mean_psnr("train", psnr, ["train"], DECIBELS))
+            quantities.append(_of_metric("train", job, psnr, ["train"], "mean", 2, DECIBELS))
         grazing = [name for name in (f"{group}, grazing view", f"{group}, grazing light") if name in job["scores"]]
         if grazing:
-            quantities.append(_mean_psnr("grazing", psnr, grazing, DECIBELS))
-    if any(side != "1" for side in job.get("footprints", {})):
-        quantities.append(
-            Quantity("footprints", "dB", "higher", 2, _mean_of_footprints, DECIBELS, FOOTPRINTS, decibels=True)
-        )
+            quantities.append(_of_metric("grazing", job, psnr, grazing, "mean", 2, DECIBELS))
+    coarse = [side for side in job.get("footprints", {}) if side != "1"]
+    if coarse:
+        quantities.append(_at_footprints("footprints", coarse, "mean", DECIBELS, FOOTPRINTS))
     if flip:
-        quantities.append(_pooled_metric(job, flip, group, "FLIP", digits=4, limit=DIFFERENCE))
+        quantities.append(_of_metric("FLIP", job, flip, [group], "pooled", 4, DIFFERENCE))
     return quantities
 
 
@@ -138,66 +138,61 @@ def undeciding(job: Job) -> list[Quantity]:
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     quantities = []
     if psnr:  # "" if it was not measured
-        quantities.append(_pooled_metric(job, psnr, group, "PSNR pooled", digits=2))
+        quantities.append(_of_metric("PSNR pooled", job, psnr, [group], "pooled", 2))
     for name in names:
         if name not in (psnr, flip):
             digits = 2 if in_decibels(name) else 4
-            quantities.append(_pooled_metric(job, name, group, name.removesuffix(PERIODIC), digits))
-    for side in job.get("footprints", {}):
-        if side != "1":
-            quantities.append(
-                Quantity(f"{side} texels", "dB", "higher", 2, partial(_psnr_at_footprint, side), decibels=True)
-            )
+            quantities.append(_of_metric(name.removesuffix(PERIODIC), job, name, [group], "pooled", digits))
+    quantities += [_at_footprints(f"{side} texels", [side], PSNR) for side in job.get("footprints", {}) if side != "1"]
     quantities += [_bytes_of_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
     return quantities
 
 
-def _pooled_metric(
-    job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None
+def _of_metric(
+    name: str,
+    job: Job,
+    metric: str,
+    groups: Sequence[str],
+    statistic: str,
+    digits: int,
+    tolerance: Tolerance | None = None,
 ) -> Quantity:
-    """The pooled number of a metric over a group of pairs."""
+    """A statistic of a metric, "mean" or "pooled" over slices, averaged over groups of pairs; `job` describes it."""
     described = job["metrics"][metric]
-    decibels = in_decibels(metric)
-
-    def value(job: Job) -> float | None:
-        """The pooled number of a job; None if it was not measured."""
-        stats = metrics_of(job, group).get(metric)
-        if not stats:
-            return None
-        return _stored_or_infinite(stats, stats.get("pooled"), decibels)
-
     unit = "" if described["unit"] == "1" else described["unit"]  # tables show a plain number without a unit
-    return Quantity(name, unit, described["direction"], digits, value, limit, metric, decibels)
+    decibels = in_decibels(metric)
+    places = [("scores", group, "metrics", metric) for group in groups]
+    value = partial(_average, places, statistic, decibels)
+    return Quantity(name, unit, described["direction"], digits, value, tolerance, metric, decibels)
 
 
-def _mean_psnr(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Quantity:
-    """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
-
-    def value(job: Job) -> float | None:
-        """The mean over the groups that have slices; None if one of these has no number, or if none has slices."""
-        numbers = []
-        for group in groups:
-            stats = metrics_of(job, group).get(metric)
-            if stats and stats.get("slices", 1):  # records without a count of slices have some
-                numbers.append(_stored_or_infinite(stats, stats.get("mean")))
-        return average(numbers)
-
+def _at_footprints(
+    name: str, sides: Sequence[str], statistic: str, tolerance: Tolerance | None = None, metric: str = ""
+) -> Quantity:
+    """A statistic of the PSNR at footprints of so many texels a side, averaged over these."""
+    places = [("footprints", side) for side in sides]
+    value = partial(_average, places, statistic, True)
     return Quantity(name, "dB", "higher", 2, value, tolerance, metric, decibels=True)
 
 
-def _mean_of_footprints(job: Job) -> float | None:
-    """The mean over footprints above one texel of the mean over slices."""
-    footprints = job.get("footprints", {})
-    numbers = [_stored_or_infinite(stats, stats.get("mean")) for side, stats in footprints.items() if side != "1"]
+def _average(places: Sequence[tuple[str, ...]], statistic: str, decibels: bool, job: Job) -> float | None:
+    """The mean of a statistic over those of these places of a record that have slices.
+
+    A record cannot hold infinite decibels, of slices without an error, and has None for these, too. None if one of the
+    places has no number, or if none has slices.
+    """
+    numbers = []
+    for place in places:
+        stats: Any = job
+        for key in place:
+            stats = stats.get(key, {})
+        if not stats or not stats.get("slices", 1):  # records without a count of slices have some
+            continue
+        number = stats.get(statistic)
+        if number is None and decibels and all_exact(stats):
+            number = math.inf
+        numbers.append(number)
     return average(numbers)
-
-
-def _psnr_at_footprint(side: str, job: Job) -> float | None:
-    """The pooled PSNR at a footprint of that side in texels; None if it was not measured."""
-    stats = job.get("footprints", {}).get(side)
-    if not stats:
-        return None
-    return _stored_or_infinite(stats, stats.get(PSNR))
 
 
 def _bytes_of_part(part: str) -> Quantity:
@@ -209,13 +204,3 @@ def _bytes_of_part(part: str) -> Quantity:
         return cast(int | None, sizes.get(part))
 
     return Quantity(f"{part} bytes", unit="", better="lower", digits=0, value=value)
-
-
-def _stored_or_infinite(stats: Statistics, stored: float | None, decibels: bool = True) -> float | None:
-    """The number that a record has `stored`; infinite decibels if no slice has an error; None if nothing was measured.
-
-    A record cannot hold infinity, and has None in both cases: they differ in whether all its slices are exact.
-    """
-    if stored is not None or not decibels:
-        return stored
-    return math.inf if all_exact(stats) else None
