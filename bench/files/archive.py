@@ -73,7 +73,7 @@ class ZipFiles:
         return name in self.entries
 
     def beside(self, name: str) -> list[str]:
-        """The names of all entries, of every folder; so those beside the entry `name` are among them."""
+        """The names of all entries, whatever `name`: those beside it, as `FolderFiles` lists them, are among them."""
         return list(self.entries)
 
     def size(self, name: str) -> int:
@@ -120,11 +120,11 @@ class ZipFiles:
             return _expanded(packed, count)
 
     def head(self, name: str, count: int) -> bytes:
-        """The first `count` bytes of the entry."""
+        """The first `count` bytes of the entry, or all if there are fewer; no checksum is checked."""
         return self._inflate(name, count, count + 1024)  # deflate makes what it cannot compress a little longer
 
     def read(self, name: str) -> bytes:
-        """All bytes of the entry, checked against its declared size and checksum; `InputError` if they differ."""
+        """All bytes of the entry; `InputError` if size or checksum is not as declared, or above `MAX_FILE` bytes."""
         entry = self.entries[name]
         if entry.file_size > MAX_FILE:
             raise InputError(f"{self.label(name)}: {entry.file_size} bytes are too many to be read at once")

@@ -27,10 +27,8 @@ SHARED = "shared"  # the folder of the cache with networks that a user trained: 
 
 
 def refuse_device(path: Path) -> None:
-    """Raise an `InputError` for a device, a pipe or a socket: a file would take its place, even that of /dev/null.
-
-    So it does for a path without a name, such as `.`.
-    """
+    """Raise an `InputError` for a device, a pipe or a socket, whose place a file would take, even that of /dev/null;
+    and for a path without a name, such as `.`."""
     if not path.name:
         raise InputError(f"{path}: it is a folder: give the name of a file")
     if path.exists() and not path.is_file() and not path.is_dir():
@@ -54,11 +52,11 @@ def refuse_other_kind(path: Path, ending: str, is_of_kind: Callable[[Path], bool
 def begins(start: bytes) -> Callable[[Path], bool]:
     """A test for `refuse_other_kind`: whether a file begins with these bytes."""
 
-    def does(path: Path) -> bool:
+    def begins_so(path: Path) -> bool:
         with open(path, "rb") as file:
             return file.read(len(start)) == start
 
-    return does
+    return begins_so
 
 
 def make_folder(path: Path, remedy: str = "choose another place") -> None:
@@ -127,8 +125,8 @@ def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.memmap":
     import numpy as np
 
     values: np.memmap = np.lib.format.open_memmap(path, "w+", dtype=dtype, shape=shape)
-    with open(path, "r+b") as file:
-        if hasattr(os, "posix_fallocate"):  # not on every system
+    if hasattr(os, "posix_fallocate"):  # not on every system
+        with open(path, "r+b") as file:
             os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
     return values
 
@@ -145,7 +143,7 @@ def locked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def holding(lock: Path, wait: bool = True) -> Iterator[int]:
-    """Lock a file, which is made in its folder and removed at the end; yields its descriptor.
+    """Lock a file, which is made if missing, with its folder, and removed at the end; yields its descriptor.
 
     The system frees the lock when the process ends, for whatever reason. If another process holds it, this one waits;
     without `wait` it raises `BlockingIOError`. On a file system without locks nothing is locked.
@@ -213,9 +211,10 @@ def cache_dir() -> Path:
 
 def cached_files() -> list[Path]:
     """The files of the cache that can all be made again: not the networks under `SHARED`, which a user trained."""
-    shared = cache_dir() / SHARED
+    folder = cache_dir()
+    shared = folder / SHARED
     # A link counts as a file, whatever it leads to.
-    files = [path for path in cache_dir().rglob("*") if path.is_symlink() or path.is_file()]
+    files = [path for path in folder.rglob("*") if path.is_symlink() or path.is_file()]
     return [path for path in files if shared not in (path, *path.parents)]  # it may be a link itself
 
 

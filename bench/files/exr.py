@@ -24,5 +24,5 @@ def write_exr(path: Path, picture: np.ndarray) -> None:
     except RuntimeError as error:
         # The library passes on only the text of the system's error, but callers tell a full disk by its number. So the
         # number is found again by the text.
-        number = next((number for number in NO_PLACE if os.strerror(number) in str(error)), errno.EIO)
+        number = next((each for each in NO_PLACE if os.strerror(each) in str(error)), errno.EIO)
         raise OSError(number, os.strerror(number), str(path)) from error

@@ -90,7 +90,7 @@ class Setting:
 def parse(owner: str, settings: type, values: dict[str, Any]) -> Any:
     """Make the `Settings` object of the codec `owner`, with some fields set from Python values or strings. Raises
     `InputError` if a field is unknown (with the nearest name), or a value does not convert or is out of range."""
-    kinds = get_type_hints(settings, include_extras=True)  # the extras are the ranges
+    kinds = _kinds(settings)
     for name in values:
         if name not in kinds:
             raise InputError(f"codec {owner} has no setting {name!r}{did_you_mean(name, kinds)}")
@@ -175,7 +175,7 @@ def parse_toml(where: str, text: str) -> dict[str, Any]:
 @cache
 def _kinds(kind: type) -> dict[str, Any]:
     """The type of each field of a dataclass, with its range, by name."""
-    kinds = get_type_hints(kind, include_extras=True)
+    kinds = get_type_hints(kind, include_extras=True)  # the extras are the ranges; class variables are there, too
     return {field.name: kinds[field.name] for field in dataclasses.fields(kind)}
 
 
@@ -204,8 +204,8 @@ def _value_of_kind(what: str, kind: Any, value: Any, words: bool) -> Any:
 
 def _choice(choices: tuple[Any, ...], value: Any, words: bool) -> Any:
     """One of the values of a `Literal`, texts or whole numbers."""
-    is_number = words and isinstance(value, str) and value not in choices  # a number among the choices, as a string
-    choice = int(value) if is_number else value
+    as_string = words and isinstance(value, str) and value not in choices  # only a number may still be meant
+    choice = int(value) if as_string else value
     _need(type(choice) in (str, int) and choice in choices)  # by type, because True equals 1
     return choice
 
@@ -266,7 +266,7 @@ def _allowed_in_words(kind: Any) -> str:
 
 def descriptions(settings: type) -> list[Setting]:
     """Describe every setting of a `Settings` class, in order. Meanings are the comments in its source, if available."""
-    kinds = get_type_hints(settings, include_extras=True)
+    kinds = _kinds(settings)
     comments = _comments(settings)
     described = []
     for field in dataclasses.fields(settings):

@@ -33,7 +33,7 @@ def present(device: "torch.device | str") -> bool:
 
 
 def records_graphs(device: "torch.device") -> bool:
-    """Whether a device records the kernels of a step once, and starts them all at once from then on."""
+    """Whether a device can record the kernels of a step once, and start them all at once from then on."""
     import torch
 
     return hasattr(torch.get_device_module(device), "CUDAGraph")
@@ -68,7 +68,8 @@ def require_present(name: str, option: str) -> None:
 
 
 def device_name(device: "torch.device | str") -> str:
-    """The GPU, its driver and CUDA (or what PyTorch was built for), on which times depend; "" for a CPU."""
+    """The name of a GPU, with the versions of NVIDIA's driver ("unknown" without it) and of the CUDA that PyTorch was
+    built for ("none" without it): times depend on them. "" for a CPU."""
     import torch
 
     if not is_gpu(device):
@@ -76,8 +77,8 @@ def device_name(device: "torch.device | str") -> str:
     # Some makers' modules have no such function: then `str` gives the name of the device, such as `mps`.
     name_of = getattr(torch.get_device_module(device), "get_device_name", str)
     try:
-        driver = re.search(r"\d+\.\d[.\d]*", Path("/proc/driver/nvidia/version").read_text(encoding="utf-8"))
+        about_driver = Path("/proc/driver/nvidia/version").read_text(encoding="utf-8")
     except OSError:
-        driver = None
-    driver_version = driver[0] if driver else "unknown"
-    return f"{name_of(device)}, driver {driver_version}, CUDA {torch.version.cuda or 'none'}"
+        about_driver = ""
+    version = re.search(r"\d+\.\d[.\d]*", about_driver)
+    return f"{name_of(device)}, driver {version[0] if version else 'unknown'}, CUDA {torch.version.cuda or 'none'}"

@@ -20,8 +20,11 @@ def cores() -> int:
 
 @contextmanager
 def handling(number: int, handler: Any) -> Iterator[None]:
-    """Handle a signal by `handler` in this block. Processes started in it ignore the signals that it ignores."""
-    if threading.current_thread() is not threading.main_thread():  # only the main thread can
+    """Handle a signal, given by its number, by `handler` in this block; outside the main thread, change nothing.
+
+    Processes started in the block ignore the signals that it ignores.
+    """
+    if threading.current_thread() is not threading.main_thread():  # `signal.signal` would raise
         yield
         return
     before = signal.signal(number, handler)

@@ -43,7 +43,7 @@ _SCORED = ("codec", "settings", "score_key", "bytes", "psnr", "worst", "flip")
 def fault_of_record(record: Mapping[str, Any]) -> str:
     """The first wrong field of a record, and what it must be; "" if all are right.
 
-    A job with a result needs its numbers, and one that failed its error; a timing its time, but for choices of a trade.
+    A job with a result needs its numbers, and one that failed its error; a timing its time, unless it is of a trade.
     """
     described = FIELDS[record["kind"]]
     needed = field_names(Use.MUST, described)
@@ -129,7 +129,7 @@ def kept(record: Kept, use: Use) -> Kept:
 
 
 def _shortened(hint: Any, value: Any, use: Use) -> Any:
-    """A value without what the use does not keep; an object none of whose fields says a use stays whole."""
+    """A value of the type `hint` without what the use does not keep; an object without a field of it stays whole."""
     if not isinstance(value, dict):
         return value
     if get_origin(hint) in (Annotated, Required, NotRequired):
@@ -151,11 +151,8 @@ def _hints(described: Any) -> dict[str, Any]:
 @cache
 def field_names(use: Use, described: Any = Job) -> tuple[str, ...]:
     """The names of the fields of a use, by default those of a job."""
-    names: dict[str, None] = {}
-    for name, mark in _marks(described):
-        if isinstance(mark, Use) and use & mark:
-            names[name] = None
-    return tuple(names)
+    names = [name for name, mark in _marks(described) if isinstance(mark, Use) and use & mark]
+    return tuple(dict.fromkeys(names))  # each once, though a field may have two marks
 
 
 @cache
@@ -165,7 +162,7 @@ def shown_columns() -> dict[str, Shown]:
 
 
 def require(job: Job, by: Literal["comparison", "tables", "verification"], folder: Path) -> None:
-    """Check that a job has the fields needed for a use. `InputError` names a missing field."""
+    """Check that a job has the fields needed for a use. `InputError` names a missing field, and the run's `folder`."""
     for path in _needed_paths(by):
         value: Any = job
         for part in path.split("/"):

@@ -172,11 +172,11 @@ def _file_of(record: Job | Timing) -> str | None:
 
 
 def view(function: Callable[..., Item]) -> Callable[..., Item]:
-    """A function of a run, and of words, whose result is kept with the run: each table and figure may ask for it."""
+    """Decorate a function of a run, and of words: its result is kept in `Run.views`, since many tables ask for it."""
 
     @wraps(function)
     def answer(run: Run, *words: str) -> Item:
-        """The function's answer for this run, from before if it was asked for then."""
+        """The function's answer for this run and these words, from before if it was asked for then."""
         key = (function, *words)
         if key not in run.views:
             run.views[key] = function(run, *words)
@@ -204,8 +204,8 @@ def load_run(folder: str | Path) -> Run:
     try:
         with open(path, "rb") as file:
             # Line by line up to the end, where `readline` gives b"".
-            for number, text in enumerate(iter(lambda: file.readline(_LONGEST_LINE), b""), 1):
-                if text.strip() and not _add_line(run, text, f"{path}, line {number}"):
+            for number, line in enumerate(iter(lambda: file.readline(_LONGEST_LINE), b""), 1):
+                if line.strip() and not _add_line(run, line, f"{path}, line {number}"):
                     run.unreadable.append(number)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): give a file that can be read") from error

@@ -55,7 +55,7 @@ class PlannedJob(NamedTuple):
 
 
 def planned_jobs(start: RunStart) -> Iterator[PlannedJob]:
-    """The jobs that a start planned before it fitted any, by their names `MATERIAL/LABEL/SEED`, all that it keeps."""
+    """The jobs that a start planned, taken apart from their names, `MATERIAL/LABEL/SEED`, which are all it keeps."""
     for name in start.get("jobs", []):
         material, _, rest = name.partition("/")
         label, _, seed = rest.rpartition("/")
@@ -105,7 +105,7 @@ def as_published(job: Job) -> bool:
 
 
 def counted(psnr: float | None) -> float:
-    """A PSNR as it counts in a mean or an order; None, without an error, counts as `MOST_DB`."""
+    """A PSNR in dB as it counts in a mean or an order; None, which stands for no error, counts as `MOST_DB`."""
     return MOST_DB if psnr is None else psnr
 
 

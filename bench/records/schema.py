@@ -80,7 +80,8 @@ class Rule:
 
 
 def _is_plain(value: Any, depth: int = 0) -> bool:
-    """Whether a value of JSON has at most `DEEPEST` levels, and holds only numbers and texts that tables can show."""
+    """Whether a value of JSON, with `depth` levels around it, has at most `DEEPEST` with them, and holds only numbers
+    and texts that tables can show."""
     if isinstance(value, dict):
         return _is_plain(list(value.values()), depth)
     if isinstance(value, list):

@@ -28,7 +28,7 @@ from bench.data.kinds import kind_of
 from bench.data.spec import MaterialSpec, Preparation
 from bench.files import atomic
 from bench.files.archive import ZipFiles, inside
-from bench.inputs.errors import InputError
+from bench.inputs.errors import InputError, said_by
 from bench.inputs.settings import table
 from bench.records import (
     CLAIM,
@@ -74,8 +74,8 @@ def jobs_with_results(run: Run, codecs: list[str]) -> Run:
     chosen = {job["job"]: job for job in with_results if not codecs or job["codec"] in codecs}
     if not chosen:
         of_codecs = f" of {' or '.join(codecs)}" if codecs else ""
-        others = ", ".join(sorted({job["codec"] for job in with_results})) or "none"
-        raise InputError(f"{run.folder}: no job{of_codecs} has a result; codecs with results: {others}")
+        codecs_with_results = ", ".join(sorted({job["codec"] for job in with_results})) or "none"
+        raise InputError(f"{run.folder}: no job{of_codecs} has a result; codecs with results: {codecs_with_results}")
     # Whoever verifies the jobs prepares the same data, and needs the preparation for it.
     if not any("materials" in start for start in run.starts):
         raise InputError(f"{run.folder}: its records do not say how materials were prepared: run the suite again")
@@ -169,10 +169,11 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     Measured data must lie under `NEUBTF_DATA`, or at the path that `places` has by name of material: an archive may not
     choose which paths of this machine are opened.
     """
-    for start in {start["run"]: start for start in run.starts if "run" in start}.values():  # the last of each name
-        # Who measured, and with what, is said of this machine; only what the jobs are comes from the archive.
+    # Who measured, and with what, is said of this machine; only what the jobs are comes from the archive.
+    here = {"text": "", "device": "cpu", "threads": 1, **provenance()}
+    last_starts = {start["run"]: start for start in run.starts if "run" in start}  # the last of each name
+    for start in last_starts.values():
         submitted = {key: value for key, value in start.items() if key in _STARTED}
-        here = {"text": "", "device": "cpu", "threads": 1, **provenance()}
         records.append(out, cast(RunStart, submitted | here))
     for job in run.jobs:
         name = job["job"]
@@ -183,8 +184,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
         except OSError:  # such as a full disk: it says nothing of the job
             raise
         except Exception as error:  # records and codec files of others may raise any error
-            what = f"{type(error).__name__}: {error}".splitlines()[0]
-            yield Verified(name, NOT_VERIFIED, f"cannot be scored here ({what})")
+            yield Verified(name, NOT_VERIFIED, f"cannot be scored here ({said_by(error)})")
 
 
 def _verdict_on_job(
@@ -220,12 +220,12 @@ def _verdict_on_job(
 def _material_here(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialSpec:
     """How the material of a job was prepared, with its path on this machine.
 
-    `places` maps names of materials to paths that the user of this machine gave. `InputError` if the archive does not
-    hold the material, or would choose the path itself.
+    `places` maps names of materials to paths that the user of this machine gave. `InputError` if the start does not
+    list the material, or if the archive would choose the path itself.
     """
     stated = start.get("materials") or []  # absent, or null in the record
     materials = [table("materials of its run", MaterialSpec, each) for each in stated]
-    spec = next((spec for spec in materials if spec.name == job["material"]), None)
+    spec = next((each for each in materials if each.name == job["material"]), None)
     if spec is None:
         raise InputError(f"its run does not say how {job['material']} was prepared: pack the run again")
     if spec.name in places:

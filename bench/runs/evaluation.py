@@ -112,12 +112,12 @@ def record_of_scores(
     slices = Slices(workbench, material, show)
     with torch_threads(threads):
         scores = workbench.scorer.score(workbench.scored, slices.slice_with_progress)
-        lowest = _at_low_light(workbench, slices)
+        at_low_light = _at_low_light(workbench, slices)
         coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, slices.boxes, workbench.exposure, COARSE)
         between = _between_texels(workbench, slices)
         pictures = _pictures(workbench, slices)
         in_scene = _in_scene(workbench, material, stem, keep)
-    summary = _summary_of_groups(workbench, scores) | lowest
+    summary = _summary_of_groups(workbench, scores) | at_low_light
     finest = summary[deciding_group(workbench.groups)]["metrics"][PSNR]
     # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
     at_one_texel: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
@@ -274,7 +274,7 @@ class Slices:
         return self.slice(pair)
 
 
-def _in_scene(workbench: Workbench, material: Material, name: str, keep: Keep) -> Job:
+def _in_scene(workbench: Workbench, material: Material, stem: str, keep: Keep) -> Job:
     """The fields of a record on a scene: the quality in its `frames`, and the stored file of a few small ones.
 
     Empty without a scene.
@@ -283,7 +283,7 @@ def _in_scene(workbench: Workbench, material: Material, name: str, keep: Keep) -
     if frame_scorer is None:  # the workbench has no demand
         return {}
     frames = frame_scorer.frames(material)
-    pictures = keep(f"frames/{name}.npz", frame_scorer.pictures(frames))
+    pictures = keep(f"frames/{stem}.npz", frame_scorer.pictures(frames))
     return {"scene": frame_scorer.record(frames), "frames": pictures}
 
 

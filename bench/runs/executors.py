@@ -42,7 +42,7 @@ class Workers:
     executor: Executor
     at_once: int
     here: bool = False  # jobs run in the calling thread, and can show their progress
-    show_with: Callable[[Show], None] = lambda show: None  # for others that can: what shows the progress of their jobs
+    show_with: Callable[[Show], None] = lambda show: None  # of others: takes what shows the progress of their jobs
 
 
 Seats = Callable[[], AbstractContextManager[Workers]]  # opens the workers of a run, and ends them
@@ -68,10 +68,10 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
         raise InputError(f"--max-seconds {limit:g}: must be above 0 and finite; leave it out for no limit")
     if count < 1:
         raise InputError(f"--jobs {count}: must be at least 1")
-    kind, numbered, _ = device.partition(":")  # "cuda:1" is the second GPU, "cuda" is any
+    kind, _, number = device.partition(":")  # "cuda:1" is the second GPU, "cuda" is any
     gpus: list[dict[str, str]] = []
     if is_gpu(device) and count > 1:
-        if numbered:
+        if number:
             raise InputError(f"--device {device}: with --jobs each job has one of the GPUs: give --device {kind}")
         gpus = _gpu_variables(count, device)
     pool = Processes(count, threads, gpus, limit)
@@ -83,7 +83,7 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
 
 @contextmanager
 def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
-    """Run jobs on a Dask scheduler, given by address or scheduler file.
+    """Run jobs on a Dask scheduler, given by its address or its scheduler file, whose name ends in `.json`.
 
     A job takes `resources` of its worker, such as {"GPU": 1}. `InputError` if no scheduler answers.
     """
@@ -93,7 +93,8 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
     try:
         if is_file and not os.path.exists(address):  # the client would wait for it forever
             raise FileNotFoundError("no such file")
-        client = Client(**{"scheduler_file" if is_file else "address": address}, timeout=PATIENCE, set_as_default=False)
+        place = {"scheduler_file": address} if is_file else {"address": address}
+        client = Client(**place, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         fault = f"no Dask scheduler answers there ({error})"
         raise InputError(f"--scheduler {address}: {fault}: start it, or mend the address") from error
@@ -154,7 +155,7 @@ class Processes(Executor):
         name and value; it is empty without GPUs."""
         self.threads = threads
         self.gpus = gpus
-        self.limit = limit
+        self.limit = limit  # seconds that a job may take; None: no limit
         self.show: Show = _show_nothing
         self.workers: dict[int, _Worker] = {}  # by seat, the place of a worker
         self.callers = ThreadPoolExecutor(count)  # a thread for each job, which waits for its answer

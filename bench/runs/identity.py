@@ -48,9 +48,9 @@ def _identity_of_modules(roots: frozenset[str]) -> FitKey:
     lines = "\n".join(f"{name} {digest}" for name, digest in sorted(digests.items()))
     versions: dict[str, str | None] = {}
     for name in sorted(libraries):
-        # Several distributions may hold parts of one package: the first by name stands for all.
-        for distribution in sorted(_distributions().get(name, ()))[:1]:
-            versions[name] = version(distribution)
+        distributions = _distributions().get(name)
+        if distributions:  # several may hold parts of one package: the first by name stands for all
+            versions[name] = version(min(distributions))
     return {"code": hashlib.sha256(lines.encode()).hexdigest(), "libraries": versions}
 
 

@@ -105,10 +105,7 @@ def failed_outcome(task: Task, error: str, more: Job | None = None) -> Outcome:
 
 
 def error_with_origin(task: Task, error: str) -> str:
-    """An error in words; begins with codec and distribution if the codec comes from another distribution than this.
-
-    Users then see whose code it was.
-    """
+    """An error in words; begins with codec and distribution if they are not of this suite: users see whose it is."""
     name = task.codec.codec
     if not from_outside(name):
         return error
@@ -135,7 +132,8 @@ class Attempt:
 
     @cached_property
     def network(self) -> TrainedNetwork | None:
-        """The network that the codec shares over materials; its file lies beside the codec files that name it."""
+        """The network that the codec shares over materials, read from its file beside the codec files; None if it
+        shares none. `MissingDataError` if the run has no such file."""
         if self.codec.network is None:
             return None
         if not self.task.network:
@@ -221,9 +219,7 @@ class Attempt:
         record |= fit_facts
         record |= {"status": "ok", "score_key": key, "file": self.file, "scored": revision_and_time()}
         record |= self._scores_and_drawing(header)
-        if fit_facts["fit_cached"]:
-            return Outcome(record, "file")
-        return Outcome(record)
+        return Outcome(record, "file" if fit_facts["fit_cached"] else "")
 
     def _would_fail_again(self, earlier: Job) -> bool:
         """Whether nothing that a failed job depends on has changed since."""
@@ -281,17 +277,15 @@ class Attempt:
         except (ContainerError, OSError, ValueError, RecursionError) as error:
             log.warning("%s is fitted again: %s", self.task.name, error)
             return None
-        settings = settings_dict(self.codec)
-        version = self.codec.version_of(settings)
         stored = (header.codec, header.version, header.settings, header.sha256)
-        wanted = (self.codec.name, version, settings, facts.get("sha256"))
+        wanted = (self.codec.name, self.fit_key["version"], self.fit_key["settings"], facts.get("sha256"))
         if same and stored == wanted:
             return header, _facts_of_record(facts, cached=True)
         log.warning("%s is fitted again: %s is not the file that was fitted for it", self.task.name, path)
         return None
 
     def _fit(self, path: Path) -> tuple[container.Header, Facts]:
-        """Fit the codec and write its file; returns the facts of the fit, too."""
+        """Fit the codec and write its file to `path`; returns the file's header and the facts of the fit."""
         task = self.task
         training = self.workbench.training
         atomic.make_folder(path.parent)  # a codec of anyone may save its checkpoint there at once

@@ -244,16 +244,16 @@ def encode_for_scene(
     demand = scene.demand if isinstance(scene.demand, Demand) else load_demand(Path(scene.demand))
     wanted = fitting.Goal(scene.psnr, scene.flip)
     container.refuse_other_file(Path(out))
-    lit = btf.without_low_light()
+    well_lit = btf.without_low_light()
     network = shared.find_for(instance)
-    shared.refuse_training_material(network, lit)  # `new_fit` refuses it, too, but only after the frames are rendered
-    scorer = FrameScorer(table_of(lit), demand, show)
+    shared.refuse_training_material(network, well_lit)  # `new_fit` would refuse it only once the frames are rendered
+    scorer = FrameScorer(table_of(well_lit), demand, show)
     # The search calls this for each of its fits.
-    fit = partial(new_fit, instance, lit, seed, network, device=device, threads=threads, show=show)
-    training = lit.split().train  # indices of pairs
-    held_out = lit.subset(np.setdiff1d(np.arange(len(lit)), training))
+    fit = partial(new_fit, instance, well_lit, seed, network, device=device, threads=threads, show=show)
+    training = well_lit.split().train  # indices of pairs
+    held_out = well_lit.subset(np.setdiff1d(np.arange(len(well_lit)), training))
     with tempfile.TemporaryDirectory() as folder, torch_threads(threads):
-        search = fitting.Search(instance, _checked_training(lit), scorer, fit, Path(folder), scene.uniform)
+        search = fitting.Search(instance, _checked_training(well_lit), scorer, fit, Path(folder), scene.uniform)
         # Without figures of its own, the goal is relative to the full model, which the search fits first.
         result = search.run(None if wanted == fitting.Goal() else wanted)
         rows = fitting.rows(result, scorer, threads, held_out)

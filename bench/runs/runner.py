@@ -196,8 +196,8 @@ class _Session:
             return None
         if record["status"] == "ok" and not (options.folder / record["file"]).exists():
             return None
-        stored = [record.get(name) for name in records.field_names(ARTEFACT)]
-        if any(isinstance(name, str) and not (options.folder / name).exists() for name in stored):
+        stored = [record.get(field) for field in records.field_names(ARTEFACT)]
+        if any(isinstance(file, str) and not (options.folder / file).exists() for file in stored):
             return record | {"score_key": {}}  # matches none: the file is scored again, which stores them again
         return record
 
@@ -217,14 +217,15 @@ class _Session:
         start = time.monotonic()
         fitted = 0
         for count, outcome in enumerate(self._outcomes(faults), 1):
+            name = outcome.record["job"]
+            waiting.discard(name)
             if outcome.cached != "record":
                 records.append(self.options.folder, outcome.record)
+                if name in recorded:
+                    recorded = set()  # code or data changed since, so the other records will not hold either
             if outcome.record["status"] == "ok":
-                self.done[outcome.record["job"]] = outcome.record
+                self.done[name] = outcome.record
                 fitted += not outcome.cached
-            waiting.discard(outcome.record["job"])
-            if outcome.cached != "record" and outcome.record["job"] in recorded:
-                recorded = set()  # code or data changed since, so the other records will not hold either
             left = _time_left(time.monotonic() - start, fitted, len(waiting - recorded), at_once)
             label, progress = "jobs", f"{count} of {total} jobs"
             if left:

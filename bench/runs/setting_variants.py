@@ -225,13 +225,13 @@ class _Measuring:
             self.done.add(row["job"])
 
 
-def _gpu_figures(ready: Material, batch: tuple[Tensor, ...], precision: str) -> Timing:
-    """What the query of a batch takes of a GPU besides time: the bytes that a sample reads; the most memory that is
+def _gpu_figures(ready: Material, queries: tuple[Tensor, ...], precision: str) -> Timing:
+    """What a batch of queries takes of a GPU besides time: the bytes that a sample reads; the most memory that is
     held and the power in watts, where the GPU tells them. Empty on a CPU."""
     if not is_gpu(ready.device):
         return {}
     figures: Timing = {"read_bytes": read_bytes(ready.cost, precision)}
-    call = partial(ready.query, *batch)
+    call = partial(ready.query, *queries)
     if forget_peak(ready.device):
         call()
         held = peak_bytes(ready.device)

@@ -286,8 +286,7 @@ def _with_materials(suite: Suite, names: list[str]) -> Suite:
     spec_of_name = {spec.name: spec for spec in suite.materials}
     chosen = []
     for name in names:
-        spec = named(name)  # a built-in material, or a path
-        chosen.append(spec_of_name.get(name, spec))
+        chosen.append(spec_of_name.get(name) or named(name))
     on_all_materials = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
     return dataclasses.replace(suite, materials=with_distinct_names(chosen), codecs=on_all_materials)
 
@@ -362,7 +361,7 @@ def _absolute_path(spec: MaterialSpec) -> str:
     """The absolute path of a material's file or folder; the name of a built-in one."""
     if not spec.path:
         return spec.name
-    return os.path.abspath(spec.existing_path() or spec.path)  # one that is neither as written nor under `$NEUBTF_DATA`
+    return os.path.abspath(spec.existing_path() or spec.path)  # the path as written, if it is nowhere to be found
 
 
 def canonical(suite: Suite) -> Suite:
@@ -447,7 +446,7 @@ def _hint(suite: Suite, scope: str, name: str) -> str:
     codecs = {spec.codec for spec in suite.codecs}
     if scope and scope not in codecs:
         return f": it runs no codec {scope!r}{did_you_mean(scope, [*codecs, 'data'])}"
-    setting_keys = {f"data.{field.name}" for field in dataclasses.fields(Preparation)}
+    setting_keys = {f"data.{each.name}" for each in dataclasses.fields(Preparation)}
     for codec in {scope} if scope else codecs:  # without a scope, any codec may be meant
         with suppress(CodecError):  # its jobs fail with this error
             setting_keys |= setting_names(load_codec(codec))

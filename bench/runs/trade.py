@@ -108,9 +108,8 @@ def measure(
         with_file = [job for job in jobs if job["status"] == "ok"]
         for job in jobs:
             if job["status"] != "ok":
-                trade.write(
-                    trade.choice_row(job, Variant()) | {"error": f"{job['status']}: {_on_one_line(job['error'])}"}
-                )
+                why = f"{job['status']}: {_on_one_line(job['error'])}"
+                trade.write(trade.choice_row(job, Variant()) | {"error": why})
         _measure_choices(trade, spec, with_file)
         if noise:
             for job in with_file:
@@ -295,10 +294,11 @@ def _time_choices(trade: _Trade, spec: MaterialSpec, timed: dict[str, Material])
     threads = trade.suite.threads
     ceilings = _ceilings(trade.suite, torch.device(trade.device), torch.get_num_threads())
     own_ceilings = [ceiling for ceiling in ceilings if ceiling["threads"] == threads]
-
     measured, raised = _time_in_turns(timed, own_ceilings, timing.batch_on(trade.device, BATCH), trade.show)
     raised_of_dtype = {ceiling["dtype"]: ceiling for ceiling in raised}
-    ceilings = [raised_of_dtype[each["dtype"]] if each["threads"] == threads else each for each in ceilings]
+    for place, ceiling in enumerate(ceilings):
+        if ceiling["threads"] == threads:
+            ceilings[place] = raised_of_dtype[ceiling["dtype"]]
     for name, ready in timed.items():
         row = trade.run.timings.latest(name)
         assert row is not None  # it was written when it was scored
@@ -358,13 +358,13 @@ def _figures_scored_now(workbench: Workbench, material: Material, threads: int, 
     with torch_threads(threads):
         scores = workbench.scorer.score(pairs, Slices(workbench, material, show).slice)
     summary = summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
-    return _figures({"scores": summary}, scores.raw[PSNR][np.isin(scores.pairs, workbench.deciding)])
+    squared_errors = scores.raw[PSNR][np.isin(scores.pairs, workbench.deciding)]
+    return _figures({"scores": summary}, squared_errors)
 
 
 def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Progress) -> Timing:
-    """`from_float32`: PSNR against the answers of eager float32, of the deciding slice that differs most; None if none
-    differs.
-    """
+    """`from_float32`: display PSNR in dB against the answers of `plain`, the file in eager float32, of the deciding
+    slice that differs most; None if none differs."""
     ours_slices = Slices(workbench, ours, show)
     plain_slices = Slices(workbench, plain, show)
     exposure = workbench.scorer.exposure
@@ -374,17 +374,18 @@ def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Prog
     return {"from_float32": as_number(float(decibels(max(errors))))}
 
 
-def _figures(job: Job, squared: np.ndarray) -> Timing:
-    """PSNR, FLIP and worst-slice PSNR of the deciding pairs, and PSNR of validation pairs, if a record has them.
+def _figures(job: Job, squared_errors: np.ndarray) -> Timing:
+    """PSNR in dB, FLIP and the PSNR of the worst slice, of deciding pairs; of validation pairs the statistics of PSNR.
 
-    `squared` (n,) are the mean squared display errors of the deciding pairs.
+    `job` has at least the `scores` of a record; `squared_errors` (n,) are the mean squared display errors of the
+    deciding pairs. FLIP is None if it was not measured, and `validation` missing without such pairs.
     """
     metrics = metrics_of(job)
     flip_name = metric_of(metrics, FLIP)  # the full name of the FLIP that was measured; "" if none was
     figures: Timing = {
         "psnr": metrics[PSNR]["mean"],
         "flip": metrics[flip_name]["mean"] if flip_name else None,
-        "worst": as_number(float(decibels(squared.max()))),
+        "worst": as_number(float(decibels(squared_errors.max()))),
     }
     validation = validation_of(job)  # empty if the job was scored at no validation pair
     if validation:

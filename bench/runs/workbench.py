@@ -40,7 +40,7 @@ SHEET_ANGLES = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degre
 class Opening:
     """What a workbench is opened from: a material of a run, how it is prepared, and what scores it."""
 
-    run: str
+    run: str  # its name: another run opens the material, and reads the demand, anew
     material: MaterialSpec
     data: Preparation
     repetition: int
@@ -248,7 +248,7 @@ _ONE_AT_A_TIME = threading.Lock()  # threads of a process share PyTorch's thread
 
 @lru_cache(maxsize=1)
 def demand_of(run: str, path: str) -> Demand:
-    """The demand of a run, read once per process. `InputError` if the file is not a demand."""
+    """The demand in a file, read once per process and `run`, its name. `InputError` if the file is not a demand."""
     return load_demand(Path(path))
 
 
@@ -283,7 +283,7 @@ def _warn_of_faults(workbench: Workbench, material: MaterialSpec) -> None:
     if workbench.exposed.fault:
         log.warning("%s: %s", material.name, workbench.exposed.fault)
     if len(workbench.deciding) < FEW_PAIRS:
-        is_measured = kind_of(material).ignores(material, "data.heldout")
-        setting = "data.holdout" if is_measured else "data.heldout"
+        heldout_is_ignored = kind_of(material).ignores(material, "data.heldout")
+        setting = "data.holdout" if heldout_is_ignored else "data.heldout"
         few = "%s: %d pair(s) decide: mark more as held out, or raise %s"
         log.warning(few, material.name, len(workbench.deciding), setting)

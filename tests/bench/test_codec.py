@@ -1,7 +1,7 @@
 import re
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import pytest
 import torch
@@ -24,6 +24,7 @@ class Sample(Codec):
         share: Share = 0.5  # of everything
         above: Positive = 1.0
         level: Annotated[int, Range(2, 6)] = 4  # of detail
+        units: ClassVar[str] = "dB"
 
 
 class Cooked(Sample):
@@ -53,6 +54,7 @@ def test_a_recipe_changes_defaults_and_what_is_named_changes_the_recipe():
     ("settings", "message"),
     [
         ({"coumt": 3}, "did you mean 'count'?"),
+        ({"units": "W"}, "did you mean "),
         ({"count": "many"}, "a whole number ≥ 1, not 'many'"),
         ({"count": 2.5}, "a whole number ≥ 1, not 2.5"),
         ({"count": True}, "a whole number ≥ 1, not True"),

@@ -184,6 +184,19 @@ def test_answers_that_are_not_finite_are_said_to_be(packed, tmp_path, capsys, mo
     assert "not whole" not in text
 
 
+def test_an_error_whose_message_cannot_be_shown_leaves_jobs_not_verified(packed, tmp_path, capsys, monkeypatch):
+    class MuteError(Exception):
+        def __str__(self):
+            raise RuntimeError
+
+    def fails(*arguments, **options):
+        raise MuteError
+
+    monkeypatch.setattr("bench.runs.archive.evaluate", fails)
+    code, text = verified(packed / "mine.zip", tmp_path, capsys)
+    assert (code, text.count("cannot be scored here (MuteError")) == (4, 4)
+
+
 @pytest.mark.parametrize("where", ["absolute", "../secret", "link", "network", "other"])
 def test_only_files_of_a_run_whose_hash_is_recorded_are_packed(packed, tmp_path, capsys, where):
     shutil.copytree(packed / "run", tmp_path / "run")
