@@ -234,8 +234,8 @@ class Wrapped(Material):
         self.dtype = inner.dtype
         self.chunk = inner.chunk
 
-    def modules(self) -> list[nn.Module]:
-        return list(self.inner.modules())
+    def modules(self) -> Sequence[nn.Module]:
+        return self.inner.modules()
 
 
 def parameters(material: Material) -> int:
@@ -373,8 +373,7 @@ def texel_centres(height: int, width: int) -> Tensor:
 
 
 def box_centres(size: tuple[int, int], factor: int) -> Tensor:
-    """uv (n, 2) of the centres of all whole boxes of factor × factor texels of a picture (H, W), row by row from the
-    top."""
+    """uv (n, 2) of the centres of whole boxes of factor × factor texels of a picture (H, W), from the top row down."""
     height, width = size
     # The centres in texels from the top and from the left.
     row = factor * (torch.arange(height // factor) + 0.5)

@@ -88,7 +88,8 @@ class Crop:
         return (row[:, None] * shape[1] + col).flatten()
 
     def taps(self, texel: Tensor) -> tuple[Tensor, Tensor]:
-        """The source texels (n, k) and weights (n, k) whose weighted mean gives some texels (n,) of the window."""
+        """The source's texels, as row · its columns + column, and weights, (n, k) each, whose weighted mean gives some
+        texels (n,) of the window."""
         row, row_weight = _taps(self.source[0], self.size[0], texel // self.size[1])
         col, col_weight = _taps(self.source[1], self.size[1], texel % self.size[1])
         index = row[:, :, None] * self.source[1] + col[:, None, :]  # (n, rows, columns)
@@ -150,14 +151,16 @@ def taps_of(windows: Sequence[Crop], shape: tuple[int, int], device: torch.devic
 
     The windows have one size, though not one source; a texel is row · W + column.
     """
-    row, row_weight = (values.to(device, non_blocking=True) for values in _axis_taps(windows, shape, 0))
-    col, col_weight = (values.to(device, non_blocking=True) for values in _axis_taps(windows, shape, 1))
+    row, row_weight = _axis_taps(windows, shape, 0, device)
+    col, col_weight = _axis_taps(windows, shape, 1, device)
     texel = row[:, :, None, :, None] * shape[1] + col[:, None, :, None, :]  # (windows, h, w, rows, columns)
     weight = row_weight[:, :, None, :, None] * col_weight[:, None, :, None, :]
     return texel.flatten(3).flatten(1, 2), weight.flatten(3).flatten(1, 2)
 
 
-def _axis_taps(windows: Sequence[Crop], shape: tuple[int, int], axis: int) -> tuple[Tensor, Tensor]:
+def _axis_taps(
+    windows: Sequence[Crop], shape: tuple[int, int], axis: int, device: torch.device
+) -> tuple[Tensor, Tensor]:
     """Along an axis, the places in a picture and their weights, (windows, side, k), that give each window's texels.
 
     A window that needs fewer places than k is filled up with weights of 0.
@@ -169,24 +172,24 @@ def _axis_taps(windows: Sequence[Crop], shape: tuple[int, int], axis: int) -> tu
         padding = (0, most - index.shape[1])  # behind the last column
         places.append(functional.pad((window.corner[axis] + index) % shape[axis], padding))
         weights.append(functional.pad(weight, padding))
-    return torch.stack(places), torch.stack(weights)
+    return torch.stack(places).to(device, non_blocking=True), torch.stack(weights).to(device, non_blocking=True)
 
 
-def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
+def _taps(source: int, size: int, place: Tensor) -> tuple[Tensor, Tensor]:
     """As `_rescale`, but only of some places (n,) of the rescaled side: (n, k)."""
-    index, weight = _rescale(side, cut, place.device)
+    index, weight = _rescale(source, size, place.device)
     return index[place], weight[place]
 
 
 @lru_cache(maxsize=1024)  # a fit draws the same few sizes again and again
-def _rescale(side: int, cut: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """The source's texels and their weights, (cut, k), that a rescale from `side` to `cut` texels averages.
+def _rescale(source: int, size: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """The source's texels and their weights, (size, k), that a rescale of a side from `source` to `size` averages.
 
-    For `side = 4` and `cut = 2` row 0 has the texels 0, 1 and 2, and what each of them contributes to texel 0.
+    For `source = 4` and `size = 2` row 0 has the texels 0, 1 and 2, and what each of them contributes to texel 0.
     """
-    matrix = torch.eye(side)  # rescaled along its rows, it holds the weights (cut, side)
-    if side != cut:
-        matrix = functional.interpolate(matrix[None, None], (cut, side), mode="bilinear", antialias=True)[0, 0]
+    matrix = torch.eye(source)  # rescaled along its rows, it holds the weights (size, source)
+    if source != size:
+        matrix = functional.interpolate(matrix[None, None], (size, source), mode="bilinear", antialias=True)[0, 0]
     most = int((matrix > 0).sum(1).max())  # texels that any row needs; others have further ones of weight 0
     weight, index = matrix.topk(most)
     return index.to(device, non_blocking=True), weight.to(device, non_blocking=True)
@@ -204,7 +207,7 @@ class Disturbance:
     """Disturbances of only the input: random hue rotation and saturation, Gaussian blur, Gaussian noise."""
 
     hue: float = 1.0  # largest turn, in turns
-    saturation: float = 1.0  # largest change: the distance from grey is multiplied by 1 less to 1 more
+    saturation: float = 1.0  # s: the distance from grey is multiplied by 1 − s to 1 + s
     blur: float = 1.0  # largest σ in texels
     noise: float = 0.05  # largest σ, for pictures from 0 to 1
 

@@ -136,7 +136,7 @@ class Autoencoder(nn.Module):
 
 
 def surrounded(picture: Tensor, corner: tuple[int, int], size: tuple[int, int]) -> Tensor:
-    """A window of a periodic picture (B, C, H, W), from `corner` on (row, column), with HALO texels on each side."""
+    """The window of `size` at `corner` (row, column) of a periodic picture (B, C, H, W), with HALO texels around it."""
     for dim, first, count in zip((2, 3), corner, size, strict=True):
         places = torch.arange(first - HALO, first + count + HALO, device=picture.device) % picture.shape[dim]
         picture = picture.index_select(dim, places)
@@ -158,7 +158,8 @@ class Circular(nn.Module):
 
     def __init__(self, inputs: int, outputs: int, kernel: int, groups: int = 1):
         super().__init__()
-        self.conv, self.pad = nn.Conv2d(inputs, outputs, kernel, groups=groups), kernel // 2
+        self.conv = nn.Conv2d(inputs, outputs, kernel, groups=groups)
+        self.pad = kernel // 2
 
     def forward(self, x: Tensor) -> Tensor:
         return self.conv(functional.pad(x, (self.pad,) * 4, mode="circular"))
@@ -214,7 +215,7 @@ class Attention(nn.Module):
 
 
 def _orthogonal(network: nn.Module, generator: torch.Generator | None) -> None:
-    """Orthogonal weights (Saxe et al. 2014), biases 0."""
+    """Draw orthogonal weights (Saxe et al. 2014) for all convolutions and linear layers, and set their biases to 0."""
     for module in network.modules():
         if isinstance(module, nn.Conv2d | nn.Linear):
             nn.init.orthogonal_(module.weight, generator=generator)
@@ -286,8 +287,7 @@ def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
 
 
 def texture_channels(latents: int, offset: int) -> int:
-    """The channels of a texture by the settings of these names: the latents, then those that the offset's network
-    reads."""
+    """The channels of a texture by the settings of these names: the latents, then those that an offset reads."""
     return latents + OFFSET_CHANNELS if offset else latents
 
 

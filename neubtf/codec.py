@@ -70,18 +70,18 @@ class NeuBTF(Codec):
 
         So a file that keeps the encoder gives the same texture again.
         """
-        gain, settings = gain_of(btf, fit), self.settings
-        samples = Samples(btf, gain, fit)
+        settings = self.settings
+        samples = Samples(btf, gain_of(btf, fit), fit)
         guiding_slice = displayed(slice_of(samples, guiding_pair(samples)))  # (1, 3, H, W)
         guidance = as_guidance(eight_bits(guiding_slice))  # rounded as in a file
-        objective = Published if settings.recipe == "paper" else Staged
+        objective_class = Published if settings.recipe == "paper" else Staged
 
         def made(start: Fit) -> Guided:
             """The objective as it is before the first step."""
             generator = start.generator()
             autoencoder = Autoencoder(settings.channels, generator, rectified=settings.recipe == "paper")
             encoder = Encoder.for_guidance(guidance, autoencoder)
-            return objective(samples, settings, encoder, guidance, generator)
+            return objective_class(samples, settings, encoder, guidance, generator)
 
         if settings.offset:
             fit = better_start(made, fit, settings.steps)
@@ -105,7 +105,7 @@ class NeuBTF(Codec):
         stored_texture: dict[str, Tensor] = {}
         for name, grid in grids.items():
             stored_texture |= store_texture(name, grid, roundings[name])
-        other = {"gain": torch.tensor([gain])}
+        other = {"gain": torch.tensor([samples.gain])}
         if settings.offset:
             other["size"] = torch.tensor(samples.shape, dtype=torch.int32)
         return Parts(

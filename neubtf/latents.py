@@ -36,11 +36,9 @@ def _cells(texture: Tensor) -> np.ndarray:
     They are shrunk or enlarged to about `SIDE` pixels. Channels that the last picture lacks are black there.
     """
     channels = display_values(texture).numpy()  # from 0 to 1
-    longest = max(channels.shape[:2])
-    if longest >= 2 * SIDE:
-        shrink = longest // SIDE
-        if min(channels.shape[:2]) >= shrink:  # a narrower texture would have no texel left on its short side
-            channels = box_filter(channels, shrink)
+    shrink = max(channels.shape[:2]) // SIDE  # texels a side of a pixel
+    if 2 <= shrink <= min(channels.shape[:2]):  # a narrower texture would have no texel left on its short side
+        channels = box_filter(channels, shrink)
     grow = math.ceil(SIDE / max(channels.shape[:2]))  # pixels a side of a texel, rounded up
     bytes_of_texels = (channels * WHITE).round().astype(np.uint8)
     lacking = -bytes_of_texels.shape[2] % 3

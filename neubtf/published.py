@@ -168,8 +168,7 @@ class Published(Guided):
         self.style = Style()
         self.guidance_mean = float(decode_srgb(guidance.cpu().numpy()).mean())  # in linear light
         self.means = nn.Buffer(slice_means(samples), persistent=False)  # (pairs,)
-        # What the steps call.
-        self.comparison = self._quickest(self._compared)
+        self.comparison = self._quickest(self._compared)  # what the steps call
 
     def _quickest(self, function: Callable[..., Comparison]) -> Callable[..., Comparison]:
         """A function of a step, compiled where that saves time and is possible: in a long fit, on a GPU, by Triton.

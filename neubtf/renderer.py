@@ -54,7 +54,7 @@ def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor, direction
 
 
 def on_grids(texture: Tensor, latents: int) -> dict[str, Tensor]:
-    """The grids (h, w, C) by name of what an autoencoder makes, a texture (H, W, C) of as many latents.
+    """The grids (h, w, C) by name of an autoencoder's texture (H, W, C): its first `latents` channels are one grid.
 
     Further channels are those that the offset's network reads; their means make a grid of a quarter of the resolution.
     """
@@ -67,9 +67,10 @@ def on_grids(texture: Tensor, latents: int) -> dict[str, Tensor]:
 
 
 def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
-    """The material of a file: the renderer's weights, the neural texture (H, W, D), the gain of its log radiance."""
+    """The material of a file without an offset: its parts hold the renderer, the texture `latents`, and the gain."""
     renderer = load_network(Decoder(settings.architecture), parts.decoder)
-    texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
+    texture = load_texture("latents", parts.texture)  # (H, W, D)
+    gain = float(parts.other["gain"])
     return NeuBTFMaterial(renderer, texture, gain, settings.directions)
 
 

@@ -100,9 +100,9 @@ class Example(NamedTuple):
     """The input of one step: a window, its texels as row · W + column, and its picture."""
 
     window: Crop  # moved to the origin
-    texels: Tensor  # (h · w,) of the window's source, where it is
+    texels: Tensor  # (n,) of the source in the whole picture
     picture: Tensor  # (1, 3, h, w)
-    of_slice: bool  # the picture is a slice, disturbed; or the guidance
+    of_slice: bool  # whether the picture is a slice, disturbed, or else the guidance
 
     @property
     def inner(self) -> Tensor:
@@ -231,19 +231,20 @@ class Staged(Guided):
     def groups(self) -> list[ParameterGroup]:
         return [*super().groups(), {"params": [self.texture], "lr": self.settings.rate}]
 
-    def stage(self, step: int) -> int:
-        """The stage of a step: 0 is direct, 1 taught, 2 guided. A stage without steps is skipped."""
+    def stage(self, progress: float) -> int:
+        """The stage at a progress from 0 to 1: 0 is direct, 1 taught, 2 guided. A stage without steps is skipped."""
+        step = round(progress * self.settings.steps)
         return bisect.bisect(self.starts, step) - 1  # the last stage that has begun
 
     def phase(self, progress: float) -> Hashable:
-        return phase_by_halves(progress), self.stage(round(progress * self.settings.steps))
+        return phase_by_halves(progress), self.stage(progress)
 
     def rate(self, step: int, steps: int, group: int) -> float:
         """The share of a group's highest rate at a step: each stage has its own warm-up and fall.
 
         After a direct stage, the guided one moves the encoder alone: the others' rate is 0.
         """
-        stage = self.stage(step)
+        stage = self.stage(step / steps)
         start = self.starts[stage]
         end = self.starts[stage + 1] if stage < 2 else steps
         of_encoder = group < ENCODER_GROUPS[self.settings.optimiser]
@@ -253,15 +254,14 @@ class Staged(Guided):
         return super().rate(step - start, end - start, group)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        """Log radiance (n, 3) at a batch's texels and pairs; in the first stage by the texture that is fitted
-        itself."""
-        direct = self.stage(round(progress * self.settings.steps)) == 0
-        latents = self.texture if direct else by_texel(self.encoder(self.guidance))
+        """Log radiance (n, 3) at a batch's texels and pairs; in the first stage by the texture that is fitted."""
+        is_direct = self.stage(progress) == 0
+        latents = self.texture if is_direct else by_texel(self.encoder(self.guidance))
         return self.rendered(latents, batch.texel, batch.pair)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of the stage to which a step belongs."""
-        match self.stage(round(progress * self.settings.steps)):
+        match self.stage(progress):
             case 0:
                 return self._direct(generator, progress)
             case 1:
@@ -270,25 +270,27 @@ class Staged(Guided):
                 return self._guided(generator, progress)
 
     def example(self, smallest: float, generator: torch.Generator) -> Example:
-        """A random slice, disturbed, at a scale of at least `smallest`; or the guidance, at its own scale, sometimes in
-        other colours."""
+        """A random slice, disturbed, at a scale of `smallest` or more; or the guidance at its own, maybe recoloured."""
         samples, settings = self.samples, self.settings
 
         def drawn(progress: float) -> FromHost:
-            """The window and what it shows; its texels and, of a slice, the pair."""
+            """The source's texels and, of a slice, its pair; the plan is the window at the origin, and its kind."""
             exploring = float(torch.rand((), generator=generator)) < settings.explore
             scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
             window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
-            if not exploring:  # the cells of the window are then those of the whole guidance
-                window = window.aligned()
-                recoloured = float(torch.rand((), generator=generator)) < settings.recolour
-                return FromHost([window.texels(samples.shape)], plan=(window.moved(0, 0), False, recoloured))
-            pair = torch.randint(samples.pairs, (), generator=generator)
-            return FromHost([window.texels(samples.shape), pair[None]], plan=(window.moved(0, 0), True, False))
+            if exploring:
+                pair = torch.randint(samples.pairs, (), generator=generator)
+                return FromHost([window.texels(samples.shape), pair[None]], plan=(window.moved(0, 0), True, False))
+            window = window.aligned()  # its cells are then those of the whole guidance
+            recoloured = float(torch.rand((), generator=generator)) < settings.recolour
+            return FromHost([window.texels(samples.shape)], plan=(window.moved(0, 0), False, recoloured))
 
-        (texels, *pair), (window, of_slice, recoloured) = on_host(drawn, 0.0, samples.device)
+        given = on_host(drawn, 0.0, samples.device)
+        texels = given.tensors[0]
+        window, of_slice, recoloured = given.plan
         if of_slice:
-            picture = displayed(self.window_of_slices(window, texels, *pair))
+            pair = given.tensors[1]  # (1,)
+            picture = displayed(self.window_of_slices(window, texels, pair))
             picture = self.disturbance.disturbed(picture, generator)
         else:
             picture = pictures(by_texel(self.guidance)[texels], window.size)

@@ -45,9 +45,10 @@ def ended_bars(show: Progress) -> Iterator[Progress]:
     def show_and_note(label: str, done: int, total: int) -> None:
         """Pass progress on to `show`, and note whether its bar is unfinished."""
         bar = label.partition(REMARK)[0]
-        unfinished[bar] = total
-        if done >= total:
-            del unfinished[bar]
+        if done < total:
+            unfinished[bar] = total
+        else:
+            unfinished.pop(bar, None)
         show(label, done, total)
 
     try:

@@ -55,8 +55,8 @@ DIRECTION_SETS = {"ubo2003": ubo2003, "ubo2014": ubo2014}
 
 
 def thin(directions: Array, count: int) -> Array:
-    """Indices (count,) of a subset spread evenly: farthest-point selection, starting nearest the zenith. Deterministic:
-    of equal distances the lower index wins. The indices are sorted, which keeps the order of the set."""
+    """Indices (count,), sorted, of an evenly spread subset of directions (n, 3): farthest-point selection from the one
+    nearest the zenith, of equal distances the lower index. `ValueError` unless `count` is from 1 to n."""
     if not 1 <= count <= len(directions):
         raise ValueError(f"count must be between 1 and {len(directions)}, not {count}")
     chosen = [int(np.argmax(directions[:, 2]))]

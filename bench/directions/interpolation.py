@@ -254,8 +254,7 @@ class PairInterpolator(nn.Module):
     def _tensor_product(self, wo: Tensor, wi: Tensor) -> Weights:
         """Pairs and weights (n, k) of each sample of the view with each of the light, the light fastest."""
         view, light = self.views(wo), self.lights(wi)
-        # (n, views, lights)
-        index = self.grid[view.sample[:, :, None], light.sample[:, None, :]]
+        index = self.grid[view.sample[:, :, None], light.sample[:, None, :]]  # (n, views, lights)
         weight = view.weight[:, :, None] * light.weight[:, None, :]
         return Weights(index.flatten(1), weight.flatten(1))
 
@@ -319,8 +318,7 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
 
 
 def _product(views: int, lights: int, views_fastest: bool) -> np.ndarray:
-    """The indices (views · lights, 2) of all views with all lights, in row order with the lights fastest, or the
-    views."""
+    """The indices (views · lights, 2) of all views with all lights, the lights fastest, or the views."""
     if views_fastest:
         light, view = np.divmod(np.arange(views * lights), views)
     else:

@@ -97,7 +97,7 @@ class _Floor(Material):
 
 
 def batch_on(device: torch.device | str, cpu: int = BATCH) -> int:
-    """The samples of a timed batch on a device."""
+    """The samples of a timed batch on a device: `GPU_BATCH` on a GPU, else those given for a `cpu`."""
     return GPU_BATCH if is_gpu(device) else cpu
 
 

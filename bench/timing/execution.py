@@ -202,7 +202,7 @@ class _Tf32(Wrapped):
     """Products of float32 numbers rounded as tf32."""
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """By the material itself, while PyTorch may round products as tf32."""
+        """RGB (n, 3) of the inner material, while PyTorch may round products as tf32."""
         kinds: list[Any] = [torch.backends.cuda.matmul, torch.backends.cudnn]
         earlier = [kind.allow_tf32 for kind in kinds]
         for kind in kinds:

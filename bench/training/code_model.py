@@ -170,7 +170,7 @@ class CodeModel:
             constant, around, before, shape = self.mixture[channel].tolist()
             read = [term for term, _ in terms]
             weights = [weight & 255 for _, weight in terms]  # signed bytes, in two's complement
-            out += bytes([self.middle[channel], self.spread[channel], constant << 4 | around, before << 4 | shape])
+            out += bytes([self.middle[channel], self.spread[channel], (constant << 4) | around, (before << 4) | shape])
             out += bytes([len(terms), *read, *weights])
         return bytes(out)
 
@@ -243,12 +243,13 @@ class CodeModel:
                 weights[channel, place] = weight
         return offsets, weights.astype(np.int32)
 
-    def curve(self, channel: Ints | int, guess: Ints, steepness: Ints) -> "Curve":
-        """The distributions (n,) of codes; `steepness` is 2^26 over the deviation.
+    def curve(self, channel: Ints | int, guess: Ints, deviation: Ints) -> "Curve":
+        """The distributions (n,) of codes around guesses, of the given `deviation`.
 
         A place in the table is in 1/FINE of a scale, times 2^16, and FINE · 2^16 is 2^26.
         """
         bits = self.bits[channel]
+        steepness = (1 << 26) // deviation
         # Code 0 begins half a code below its value, which is −middle codes of 2^(8 − bits). It is counted in halves of
         # a code, to be an integer, times `ONE` / 2.
         first = ONE // 2 * ((-2 * self.middle[channel] - 1) << (8 - bits))
@@ -300,16 +301,16 @@ def cumulative() -> Ints:
     squares = np.arange(REACH, dtype=np.int64) ** 2  # of each t, times FINE²
     for freedom in SHAPES:
         whole = freedom * FINE**2 + squares
-        squared_cosine = (freedom * FINE**2 << 24) // whole
+        squared_cosine = ((freedom * FINE**2) << 24) // whole
         term = np.full(REACH, 1 << 24)
         total = term
         for i in range(1, freedom // 2):
             # C(2 i, i) / 4^i is the one before times (2 i − 1) / (2 i).
-            term = (term * squared_cosine >> 24) * (2 * i - 1) // (2 * i)
+            term = ((term * squared_cosine) >> 24) * (2 * i - 1) // (2 * i)
             total = total + term
         sine = _square_roots((squares << 34) // whole)
         # Half of sine · total, from 2^17 · 2^24 to 2^16, the sum of frequencies. Rounding must not let it fall.
-        upper = np.maximum.accumulate(TOTAL // 2 + (sine * total >> 26))
+        upper = np.maximum.accumulate(TOTAL // 2 + ((sine * total) >> 26))
         # The lower half mirrors the upper one, without 0; its first entry stands twice, to make 2 REACH.
         tables.append(np.concatenate([TOTAL - upper[-1:], TOTAL - upper[:0:-1], upper]))
     return np.concatenate(tables)
@@ -319,7 +320,7 @@ def _square_roots(values: Ints) -> Ints:
     """The square roots (n,) of whole numbers below 2^36, rounded down: Newton's method from above, in integers."""
     roots = np.full_like(values, 1 << 18)
     while True:
-        better = roots + values // np.maximum(roots, 1) >> 1
+        better = (roots + values // np.maximum(roots, 1)) >> 1
         if (better >= roots).all():
             return roots
         roots = np.minimum(roots, better)

@@ -70,7 +70,7 @@ class Network(nn.Module):
     """The protocol of a network (n, inputs) → (n, outputs): a `Decoder`, or an execution's replacement of it."""
 
     def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
-        """The outputs for a texture (H, W, C) at uv (n, 2), bilinear, followed by the numbers `first` and `second`."""
+        """The outputs for a texture (H, W, C) at uv (n, 2), bilinear, then `first` and `second`, both (n, …)."""
         return self(torch.cat([sample_texture(texture, uv), first, second], 1))
 
 
@@ -129,15 +129,16 @@ class Decoder(Network):
     def _normed(self, x: Tensor, depth: int) -> Tensor:
         """Apply a linear layer and its norm to x (n, inputs).
 
-        Without gradients this takes fewer passes: less their mean over the outputs, weights and bias give the outputs
-        less their mean, so the norm needs only their length.
+        Without gradients, from float32 on, this takes fewer passes: the mean over the outputs, which a norm subtracts,
+        is subtracted from weights and bias instead. So they give centred outputs, and the norm needs only their length.
         """
         layer, norm = self.layers[depth], self.norms[depth]
         if torch.is_grad_enabled() or x.dtype.itemsize < 4:
             return saturated(norm(saturated(layer(x))))
         hidden = functional.linear(x, layer.weight - layer.weight.mean(0), layer.bias - layer.bias.mean())
         length = torch.linalg.vector_norm(hidden, dim=1, keepdim=True)
-        hidden *= length.square_().div_(hidden.shape[1]).add_(norm.eps).rsqrt_()  # (n, 1), over the deviation
+        variance = length.square_().div_(hidden.shape[1])  # (n, 1)
+        hidden *= variance.add_(norm.eps).rsqrt_()
         return torch.addcmul(norm.bias, hidden, norm.weight, out=hidden)
 
     def _activate(self, x: Tensor) -> Tensor:

@@ -26,7 +26,7 @@ def displayed(level: Tensor) -> Tensor:
 
 
 class DisplayLoss(nn.Module):
-    """The running squared error of displayed values at each of some directions, and the loss that it weights."""
+    """The running squared error of displayed values at each of so many `directions`, and the loss that it weights."""
 
     def __init__(self, directions: int):
         super().__init__()

@@ -43,7 +43,7 @@ POINTS = 25  # points of the curve
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
 SHOW_SECONDS = 1.0  # between two moves of the progress bar
 SAVE_SECONDS = 5.0  # least seconds between two states on disk; a killed fit loses these, and up to KEEP_EVERY steps
-RESCUES = 3
+RESCUES = 3  # times that a diverged fit goes back to a good state
 START_STEPS = 250  # of each of two starts, of which the better goes on; at most a quarter of the fit's
 OTHER_SEED = 0x57A7  # the seed of the second is that of the fit, XOR this
 ROUNDED_FROM = 0.5  # share of the steps after which textures are rounded as in the file
@@ -87,7 +87,7 @@ class Objective(nn.Module):
         """`samples` are the data, `settings` those of the codec."""
         super().__init__()
         self.samples = samples
-        self.settings = settings  # the codec's
+        self.settings = settings
         self.steps_chosen = False  # whether the steps of weights are chosen
         self.display_loss: DisplayLoss | None = None
         if getattr(settings, "loss", "") == "display":  # some codecs have no such setting
@@ -130,7 +130,7 @@ class Objective(nn.Module):
             self.choose_rounding(fit, progress)
 
     def rate(self, step: int, steps: int, group: int) -> float:
-        """The learning rate of a group at a step, as a share of its highest; each stage of a fit has its own curve."""
+        """The learning rate of a group at a step, as a share of its highest: one curve over `steps` for all."""
         return rate(step, steps)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
@@ -175,8 +175,7 @@ class Objective(nn.Module):
 
     @torch.no_grad()
     def choose_rounding(self, fit: Fit, progress: float) -> None:
-        """Choose the steps of weights stored in eight bits, and the bits of each texture with a `Rounding`, unless they
-        are already chosen."""
+        """Choose the steps of weights in eight bits, and the bits of each texture with a `Rounding`, unless chosen."""
         networks = self.networks_in_bits()
         if networks and not self.steps_chosen:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
@@ -218,7 +217,7 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     while loop.step < steps and not (patience and loop.flat(patience)):
         next_state = (loop.step // KEEP_EVERY + 1) * KEEP_EVERY
         loop.advance(min(steps, next_state))
-    objective.choose_rounding(fit, loop.step / steps)  # for a fit that ended before
+    objective.choose_rounding(fit, loop.step / steps)  # for a fit that ended before its second half
     for fault in [*objective.faults(), *loop.faults()]:
         log.warning("the fit may be stuck: %s: try another seed or a lower learning rate", fault)
         fit.faults.append(fault)
@@ -235,10 +234,9 @@ def better_start(make: Callable[[Fit], Objective], fit: Fit, steps: int) -> Fit:
     It is for codecs with an offset. A fit of it may find depths that are a period of the surface off, and then stays.
     `make` gives the objective of a fit. A fit above 6,250 steps has no point of its curve so early: it keeps its seed.
     """
-    best = fit
     if steps / POINTS > START_STEPS:
-        return best
-    best_psnr = -math.inf
+        return fit
+    best, best_psnr = fit, -math.inf
     for seed in (fit.seed, fit.seed ^ OTHER_SEED):
         start = replace(fit, seed=seed)
         loop = _Loop(make(start).to(fit.device), replace(start, checkpoint=None, history=[]), steps)

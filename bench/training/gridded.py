@@ -115,7 +115,7 @@ class GriddedMaterial(Material):
 
 
 class DirectedGriddedMaterial(GriddedMaterial):
-    """Grids and a network whose inputs are the latents, then those of the two directions, of a kind."""
+    """Grids and a network whose inputs are the latents, then those of two directions, of the kind `directions`."""
 
     def __init__(
         self, network: GriddedNetwork, grids: dict[str, Tensor], flops: int, gain: float, directions: Directions
@@ -125,8 +125,7 @@ class DirectedGriddedMaterial(GriddedMaterial):
         self.directions = directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
-        of detail."""
+        """Linear radiance (n, 3) of queries; see `Material`. The footprint is ignored: there is one level of detail."""
         latents = self.latents(uv, wo)
         directions = [values.to(latents.dtype) for values in direction_inputs(wo, wi, self.directions)]
         return to_radiance(self.network(torch.cat([latents, *directions], 1)), self.gain)

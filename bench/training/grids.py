@@ -48,7 +48,7 @@ def channels(settings: Any, offset: bool = True) -> dict[str, int]:
 
 
 def total_channels(settings: Any) -> int:
-    """The channels that a network sees of all grids."""
+    """The number of channels that the decoder reads, of all grids together."""
     return sum(channels(settings, offset=False).values())
 
 

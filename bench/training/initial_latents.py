@@ -50,11 +50,11 @@ def components(samples: "Samples", count: int, generator: torch.Generator, slice
     pairs = torch.randperm(samples.pairs, generator=generator)[:MOST_PAIRS].sort().values
     weight = samples.density.weights[pairs].repeat_interleave(3) if samples.density else None
     shape = (3 * len(pairs), samples.texels)
+    read_slices = samples.slices if slices is None else slices
+    pairs_a_block = max(1, BLOCK_BYTES // (12 * samples.texels))  # a texel of a pair has 12 bytes
 
     def read(label: str) -> Iterator[Tensor]:
         """The log radiance in blocks of rows, three of each pair, and a column a texel; the label is not shown."""
-        read_slices = samples.slices if slices is None else slices
-        pairs_a_block = max(1, BLOCK_BYTES // (12 * samples.texels))  # a texel of a pair has 12 bytes
         for block in pairs.split(pairs_a_block):
             level = read_slices(block)  # (texels, pairs, 3)
             yield level.permute(1, 2, 0).flatten(0, 1).contiguous()  # a copy, which the decomposition overwrites

@@ -27,7 +27,7 @@ TINY = 1e-7  # a matrix of zeros is divided by it instead of by its norm
 
 
 def rate(step: int, steps: int) -> float:
-    """The share of the highest learning rate at a step: a linear warm-up, then a cosine from 1 to 0."""
+    """The share of the highest learning rate at a step: a linear warm-up times a cosine that falls from 1 to 0."""
     warm = min(1.0, (step + 1) / (min(WARMUP, steps // 10) + 1))
     return warm * (1 + math.cos(math.pi * step / steps)) / 2
 
@@ -106,7 +106,7 @@ class Optimisers:
 
     def __init__(self, groups: list[ParameterGroup], device: torch.device):
         """Share the groups out to the two optimisers, and make their states, before any step."""
-        self.highest = [group["lr"] for group in groups]  # learning rates
+        self.highest = [group["lr"] for group in groups]  # the highest learning rate of each group
         self.optimiser_of_name: dict[str, torch.optim.Optimizer] = {}
         names: list[str] = []  # of the optimiser that steps each group
         groups_of_name: dict[str, list[ParameterGroup]] = {"adam": [], "muon": []}
@@ -150,11 +150,11 @@ class Optimisers:
 
     def set_rates(self, rates: list[float]) -> None:
         """Set the learning rate of each group."""
-        for group, rate in zip(self.groups, rates, strict=True):
+        for group, new_rate in zip(self.groups, rates, strict=True):
             if isinstance(group["lr"], Tensor):
-                group["lr"].fill_(rate)
+                group["lr"].fill_(new_rate)
             else:
-                group["lr"] = rate
+                group["lr"] = new_rate
 
     def step(self) -> None:
         """One step down the gradients, each group at its own rate; then clear the gradients."""

@@ -72,10 +72,10 @@ def _encode_ranges(ranges: Ranges, lanes: int) -> tuple[Ints, Ints]:
     for below, short_share in reversed(rounds):
         share = short_share.astype(np.int64)  # because the shifts overflow 32 bits
         before = state[: len(below)]
-        is_full = before >= share << 16  # these would grow beyond 32 bits, and first hand on their low 16
+        is_full = before >= (share << 16)  # these would grow beyond 32 bits, and first hand on their low 16
         words.append(before[is_full] & (TOTAL - 1))
         lowered = np.where(is_full, before >> 16, before)
-        state[: len(below)] = (lowered // share << 16) + lowered % share + below
+        state[: len(below)] = ((lowered // share) << 16) + lowered % share + below
     # The decoder takes symbols in the opposite order, and so needs the last words first.
     return state, np.concatenate(words[::-1])
 
@@ -132,7 +132,7 @@ def _walk(model: CodeModel, canvas: Canvas, code_step: Step) -> None:
         before = activity[cell].astype(np.int64)
         around = canvas.around(activity, cell + plane)
         deviation = model.deviation(channel, around, before)
-        code = code_step(texel, channel, model.curve(channel, guess, (1 << 26) // deviation))
+        code = code_step(texel, channel, model.curve(channel, guess, deviation))
         value = model.value(channel, code)
         now = model.activity(channel, value, guess, before)
         shadow = canvas.shadows[texel]  # 0 inside, where the same is written twice
@@ -223,7 +223,7 @@ def _spread(error: NDArray[np.float64]) -> int:
     """The spread of errors (n,), times `ONE`: their root mean square as the number that `CodeModel.scale` reads."""
     deviation = max(8, int(np.sqrt(np.square(error).mean())))
     exponent = deviation.bit_length() - 4  # four significant bits, the first of which is always 1
-    return exponent << 3 | (deviation >> exponent) & 7
+    return (exponent << 3) | ((deviation >> exponent) & 7)
 
 
 def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canvas: Canvas) -> list[tuple[int, int]]:
@@ -240,10 +240,11 @@ def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canv
     offsets = np.array([canvas.offset(int(term)) for term in candidates])  # from a place to its neighbour's
     near = values[cell[:, None] + offsets].astype(np.float64)  # (n, candidates)
     target = values[cell].astype(np.float64)  # (n,)
-    # The normal equations of least squares, and the squared error that is left.
+    # The normal equations of least squares, and the squared error without any term.
     gram = near.T @ near  # (candidates, candidates)
     right_side = near.T @ target  # (candidates,)
-    error_left = float(target @ target)
+    energy = float(target @ target)
+    error_left = energy  # with the chosen terms
     gram += np.diag(NUDGE * (gram.diagonal() + len(cell)))
     floor = len(cell) * step**2 / 12  # the squared error of codes alone: below it, better guesses save nothing
     chosen: list[int] = []
@@ -268,7 +269,7 @@ def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canv
             break
         chosen.append(best)
         weights = np.linalg.solve(gram[np.ix_(chosen, chosen)], right_side[chosen])
-        error_left = max(float(target @ target - weights @ right_side[chosen]), 0.0)
+        error_left = max(energy - float(weights @ right_side[chosen]), 0.0)
     whole_weights = np.clip(np.rint(ONE * weights), -128, 127).astype(int)
     terms = zip(chosen, whole_weights.tolist(), strict=True)
     return [(term, weight) for term, weight in terms if weight]
@@ -281,8 +282,8 @@ def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: In
     def length(mixture: tuple[int, ...]) -> float:
         """The bits of the codes by a mixture, which the model then has."""
         model.mixture[channel] = mixture
-        steepness = (1 << 26) // model.deviation(channel, around, before)
-        curve = model.curve(channel, guess, steepness)
+        deviation = model.deviation(channel, around, before)
+        curve = model.curve(channel, guess, deviation)
         share = curve.below(code + 1) - curve.below(code)
         return -float(np.log2(share / TOTAL).sum())
 
@@ -291,7 +292,7 @@ def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: In
     improved = True
     while improved:
         improved = False
-        for place, count in enumerate((16, 16, 16, len(SHAPES))):
+        for place, count in enumerate((16, 16, 16, len(SHAPES))):  # how many values each number may have
             for number in range(count):
                 tried = (*best[:place], number, *best[place + 1 :])
                 if tried in lengths:  # no better than the best, then as now

@@ -41,8 +41,7 @@ class FromHost(NamedTuple):
 
 @dataclass
 class Draw:
-    """What the host gives a step at one place of it: how it is made at a progress, what the first step had, and what
-    reads it."""
+    """One thing that the host gives a step: how it is made at a progress, what the first step had, where it is read."""
 
     make: Callable[[float], FromHost]
     first: FromHost
@@ -50,7 +49,7 @@ class Draw:
     decides: bool = False  # whether the host reads it
 
     def decision(self, given: FromHost) -> Hashable:
-        """What of it the step's program depends on."""
+        """What of `given`, made in place of `first`, decides the program of the step: the plan, or the drawn number."""
         return given.tensors[0].item() if given.plan is None else given.plan
 
 
@@ -130,19 +129,14 @@ class Drawing(TorchFunctionMode):
             if not draw.buffers:
                 draw.buffers = [func(*args, **kwargs)]
             return draw.buffers[0]
-        self._note_use(draw, func)
-        return func(*args, **kwargs)
-
-    def _note_use(self, draw: Draw, func: Any) -> None:
-        """Note that the host reads the numbers of a draw, or does anything else with them than to ask for an attribute,
-        such as their shape."""
         if func in READS:
             draw.decides = True
-        elif func.__name__ != "__get__":
+        elif func.__name__ != "__get__":  # more than asking for an attribute, such as the shape
             self.changed = True
+        return func(*args, **kwargs)
 
 
-_drawings = list[Drawing]()
+_drawings = list[Drawing]()  # those that are entered, the innermost last
 
 
 def on_host(make: Callable[[float], FromHost], progress: float, device: torch.device) -> FromHost:

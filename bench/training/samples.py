@@ -113,12 +113,12 @@ class Samples:
         return self.at(texel, self._to_device(pair))
 
     def draw_unseen(self, count: int, generator: torch.Generator) -> Batch:
-        """Draw `count` samples of texels kept out of training."""
+        """Draw `count` samples of the texels kept out of training, of which there must be some."""
         texel = self.trained_texels + torch.randint(self.texels - self.trained_texels, (count,), generator=generator)
         return self.draw_at(self._to_device(texel), generator)
 
     def mean(self, generator: torch.Generator) -> Tensor:
-        """The mean log radiance (3,), of a random sample."""
+        """The mean log radiance (3,) of `PROBE` random samples."""
         return self.draw(PROBE, generator).target.mean(0)
 
     def at(self, texel: Tensor, pair: Tensor) -> Batch:
@@ -163,8 +163,7 @@ class Samples:
 
 
 def centres(texel: Tensor, shape: tuple[int, int]) -> Tensor:
-    """uv (n, 2) of the centres of some texels (n,), row · W + column, of a picture (H, W); see `bench.btf` for the
-    frame."""
+    """uv (n, 2), in the frame of `bench.btf`, of the centres of texels (n,), row · W + column, of a picture (H, W)."""
     height, width = shape
     row = texel.div(width, rounding_mode="floor")
     return torch.stack([(texel - row * width + 0.5) / width, 1 - (row + 0.5) / height], 1)

@@ -53,7 +53,7 @@ def store_network(network: nn.Module, precision: WeightPrecision) -> dict[str, T
 
 
 def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
-    """The network, with the weights that `store_network` stored. Raises `ValueError` if their count differs."""
+    """The network, with weights of `store_network`. `ValueError` if their count differs, `InputError` if codes do."""
     if "weights.step" not in tensors:
         load_vector(unpack("weights", tensors), network)
         return network
@@ -82,11 +82,11 @@ def note_steps(networks: Iterable[nn.Module]) -> None:
 
 @torch.no_grad()
 def choose_steps(networks: Iterable[nn.Module], answers: Callable[[], Tensor], target: Tensor) -> None:
-    """Choose the step of each matrix, by the change of `answers`, which should be `target`, if it is rounded alone.
+    """Choose the steps in the buffers of `note_steps`, by how much `answers` change if a matrix is rounded alone.
 
-    The squared error that a matrix adds grows with the square of its step, and a weight has the fewer bits the larger
-    its step is, by the logarithm. So for given error the file is smallest if all matrices add the same error for each
-    of their weights; all together may add `BEARABLE` of the fit's error.
+    The answers should be `target`. The squared error that a matrix adds grows with the square of its step, and a weight
+    has the fewer bits the larger its step is, by the logarithm. So for given error the file is smallest if all matrices
+    add the same error for each of their weights; all together may add `BEARABLE` of the fit's error.
     """
     networks = list(networks)
     exact = answers()

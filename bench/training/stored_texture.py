@@ -222,7 +222,8 @@ def shared_out(errors: Tensor, sizes: Tensor, total: int, bearable: float, least
     bearable error, or `total` bits are spent: the last one may go beyond, if channels differ in size.
     """
     bits = torch.full((len(errors),), least)
-    while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):
+    total = min(total, MOST_BITS * int(sizes.sum()))  # no number has more than `MOST_BITS`
+    while (bits * sizes).sum() < total:
         column = bits - least  # (C,): column i of `errors` is of `least` + i bits
         added = errors.gather(1, column[:, None])[:, 0]  # (C,): what each channel adds with its bits so far
         if added.sum() <= bearable:
@@ -241,8 +242,8 @@ def estimated_bits(values: Tensor, step: Tensor, bits: Tensor) -> Tensor:
     steps = values / step.clamp_min(1e-12)
     above, left, corner = steps[:-1, 1:], steps[1:, :-1], steps[:-1, :-1]
     rest = steps[1:, 1:] - (0.75 * (above + left) - 0.5 * corner)
-    of_codes = torch.log2(1 + 2 * math.e * rest.abs().mean((0, 1)))  # (C,)
-    return math.prod(values.shape[:2]) * (of_codes * (bits > 0)).sum()
+    bits_a_code = torch.log2(1 + 2 * math.e * rest.abs().mean((0, 1)))  # (C,)
+    return math.prod(values.shape[:2]) * (bits_a_code * (bits > 0)).sum()
 
 
 def codes_of(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:

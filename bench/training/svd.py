@@ -106,8 +106,8 @@ def _mean_and_krylov_space(
 def strongest(factors: Factors, rank: int) -> Factors:
     """The `rank` strongest components of a product of factors, whose rows need not be orthogonal.
 
-    The coefficients are (vectors · root) times orthonormal rows, and `inverse` makes these of them. So the product is
-    `whole` times orthonormal rows, and its strongest components are those of `whole`.
+    The coefficients are (vectors · root) times orthonormal rows, which are `inverse` times the coefficients. So the
+    product is `whole` times these rows, and its strongest components are those of `whole`.
     """
     if not len(factors.coefficients):
         return factors
@@ -200,8 +200,8 @@ def _balanced(mean: Tensor, basis: Tensor, coefficients: Tensor) -> Factors:
 def blocks(btf: BTF, fit: Fit, label: str, gain: float | None, block_bytes: int = 0) -> Iterator[Tensor]:
     """The slices of a BTF as new blocks (3 · slices, texels), float32, on the device of the fit.
 
-    A block has at most `block_bytes` (0: `BLOCK_BYTES`), but at least one slice. With a `gain` its numbers are
-    log1p(gain · radiance), negative radiance counting as 0; without, radiance as it is.
+    `label` names the pass in a progress bar. A block has at most `block_bytes` (0: `BLOCK_BYTES`), but at least one
+    slice. With a `gain` its numbers are log1p(gain · radiance), negative radiance counting as 0; without, radiance.
     """
     texels = btf.shape[0] * btf.shape[1]
     bytes_of_slice = 12 * texels  # three float32 a texel

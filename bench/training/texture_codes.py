@@ -128,8 +128,8 @@ def _expanded(
     channels = shape[-1]
     count = math.prod(shape)
     size = count // channels
-    pictures = _picture_sizes(shape, sizes)
     if way == PREDICTED:
+        pictures = _picture_sizes(shape, sizes)
         if not pictures:
             raise InputError("a texture of this file does not say how its codes lie: encode it again")
         codes = predicted_codes.decode(payload, bits.astype(np.int64), pictures)

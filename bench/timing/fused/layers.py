@@ -50,10 +50,10 @@ def layers_of(decoder: Decoder) -> list[Layer]:
     for depth, (weight, bias) in enumerate(hidden):
         norm = None
         if decoder.norms is not None:
-            scale = decoder.norms[depth]
-            assert isinstance(scale, nn.LayerNorm)
+            layer_norm = decoder.norms[depth]
+            assert isinstance(layer_norm, nn.LayerNorm)
             # A norm cancels a factor before it, so the factor goes into the norm's own gain and offset.
-            norm = Norm(_numbers(scale.weight) * turn, _numbers(scale.bias) * turn, scale.eps)
+            norm = Norm(_numbers(layer_norm.weight) * turn, _numbers(layer_norm.bias) * turn, layer_norm.eps)
             weight = weight - weight.mean(0)
             bias = bias - bias.mean()
         else:

@@ -34,7 +34,10 @@ class Lean(Network):
 
 
 def compiled(call: Callable[..., Tensor], dynamic: bool) -> Callable[..., Tensor]:
-    """`call` through torch.compile with fused multiply-adds: a tenth faster, and rounded once instead of twice."""
+    """`call` through torch.compile with fused multiply-adds: a tenth faster, and rounded once instead of twice.
+
+    `dynamic`: one kernel for batches of any size, instead of one for each size.
+    """
     from torch._inductor import config
 
     # The option is a word in newer versions of PyTorch, and a bool in older ones.
@@ -65,7 +68,7 @@ class _Layer(nn.Module):
         dtype = self.weight.dtype
         hidden = functional.linear(x.to(dtype), self.weight, self.bias)
         hidden = hidden.to(at_least_float32(dtype))
-        if dtype == torch.float16:
+        if dtype == torch.float16:  # the sums may have overflowed to infinity
             hidden = hidden.clamp(-HALF_MAX, HALF_MAX)
         if self.norm is not None:
             hidden = self.norm(hidden)
@@ -87,8 +90,7 @@ class _Norm(nn.Module):
     """The norm by the sum of squares instead of their mean: the gain is larger by √width, eps by the width."""
 
     def __init__(self, norm: Norm, dtype: torch.dtype):
-        """Keep the numbers of a norm as constants of a type, scaled so that it needs the length alone, not the
-        deviation."""
+        """Keep the numbers of a norm as constants of a type, scaled for the length in place of the deviation."""
         super().__init__()
         width = len(norm.gain)
         self.gain = _constant(norm.gain * math.sqrt(width), dtype)

@@ -48,11 +48,12 @@ class Whole(Wrapped):
     """A material whose `evaluate` is one kernel. `InputError` if it cannot be recorded, or is too large."""
 
     def __init__(self, material: Material, marked: Material, decoders: list[Decoder], target: Target):
-        """`marked` is a copy of the material on the CPU, with placeholders for its networks."""
+        """`marked` is a copy of the material on the CPU, with placeholders for its networks: number i stands for
+        `decoders[i]`."""
         super().__init__(material)
         self.target = target
-        self.arrays = self.target.arrays
-        self.networks = [DrJitNetwork(decoder, self.target) for decoder in decoders]
+        self.arrays = target.arrays
+        self.networks = [DrJitNetwork(decoder, target) for decoder in decoders]
         program = program_of(marked)
         count = program.products()
         if count > MOST_PRODUCTS:
@@ -80,7 +81,7 @@ class Whole(Wrapped):
         return [dr.gather(self.arrays.Float, flat, self.row * width + k) for k in range(width)]
 
     def _within_kernel(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:
-        """The outputs of a network for the inputs (n, D) of one query: one row, or one for each texel."""
+        """For `Kernel`: the outputs of a network for the inputs (n, D) of one query, one row, or one for each texel."""
         network = self.networks[number]
         answers = []
         for row in inputs.items:

@@ -107,11 +107,10 @@ class DrJitNetwork:
     def _layer(self, layer: Layer, x: Sequence[Any]) -> list[Any]:
         """One folded layer: see `Layer`. `x` has an array (n,) for each input, the answer one for each output."""
         hidden = self._dense(layer, x)
-        if layer.norm is not None:
-            norm = layer.norm
+        norm = layer.norm
+        if norm is not None:
             square = _sum([value * value for value in hidden])
-            # 1 / √(mean of squares + eps).
-            scale = dr.rsqrt(dr.fma(square, 1 / len(hidden), norm.eps))
+            scale = dr.rsqrt(dr.fma(square, 1 / len(hidden), norm.eps))  # 1 / √(mean of squares + eps)
             affine = zip(hidden, norm.gain.tolist(), norm.offset.tolist(), strict=True)
             hidden = [dr.fma(value * scale, gain, offset) for value, gain, offset in affine]
         match layer.activation:

@@ -181,7 +181,7 @@ class TritonNetwork(Network):
         self.weights = torch.nn.Parameter(torch.cat(weights).to(parameter), requires_grad=False)
         self.scalars = torch.nn.Parameter(torch.cat(scalars).to(parameter.device), requires_grad=False)
         self.outputs = architecture.outputs
-        self.shape = (inputs, width, last)
+        self.shape = (inputs, width, last)  # with padding
         norm = layers[0].norm  # all hidden layers have one, with one `eps`, or none has
         used = len(layers[0].bias)  # the width without padding
         activation = architecture.activation
