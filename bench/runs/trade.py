@@ -9,9 +9,8 @@ scored, and another, with its time, when it is timed; then it is not measured ag
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -49,9 +48,9 @@ from bench.runs import runner
 from bench.runs.evaluation import Slices, material_of_job
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.runs.workbench import Opening, Workbench, open_workbench
-from bench.timing import native, random_queries
+from bench.timing import native
 from bench.timing.execution import Variant, exists_on, networks, prepared
-from bench.timing.roofline import ceiling_calls, least_ns, rates, roofline
+from bench.timing.roofline import least_ns, roofline
 
 BATCH = 65_536  # whole chunks of every execution
 
@@ -294,45 +293,14 @@ def _time_choices(trade: _Trade, spec: MaterialSpec, timed: dict[str, Material])
     threads = trade.suite.threads
     ceilings = _ceilings(trade.suite, torch.device(trade.device), torch.get_num_threads())
     own_ceilings = [ceiling for ceiling in ceilings if ceiling["threads"] == threads]
-    measured, raised = _time_in_turns(timed, own_ceilings, timing.batch_on(trade.device, BATCH), trade.show)
-    raised_of_dtype = {ceiling["dtype"]: ceiling for ceiling in raised}
-    for place, ceiling in enumerate(ceilings):
-        if ceiling["threads"] == threads:
-            ceilings[place] = raised_of_dtype[ceiling["dtype"]]
+    measured = timing.time_materials(timed, threads, timing.batch_on(trade.device, BATCH), trade.show)
     for name, ready in timed.items():
         row = trade.run.timings.latest(name)
         assert row is not None  # it was written when it was scored
-        trade.write({**row, **measured[name].summary(), "limit_ns": least_ns(ready, row["dtype"], raised)})
+        trade.write({**row, **measured[name].summary(), "limit_ns": least_ns(ready, row["dtype"], own_ceilings)})
     floor = trade.row_with_conditions(f"{spec.name}/{timing.FLOOR}", spec.name, timing.FLOOR, Variant())
     floor |= {"ceilings": ceilings, "left_out": trade.left_out}
     trade.write(floor | measured[timing.FLOOR].summary())
-
-
-def _time_in_turns(
-    materials: dict[str, Material], ceilings: list[Ceiling], batch: int, show: Progress
-) -> tuple[dict[str, timing.Timing], list[Ceiling]]:
-    """The times of materials in turns with each other and with the ceilings, and the ceilings, raised where a turn
-    reached more."""
-    first = next(iter(materials.values()))  # its size and device stand for those of all
-    queries = random_queries(batch, first.device)
-    # What takes turns, by name: each material, and for each ceiling a matrix product and a copy of memory.
-    calls: dict[str, Callable[[], Any]] = {name: partial(each.query, *queries) for name, each in materials.items()}
-    for ceiling in ceilings:
-        dtype = ceiling["dtype"]
-        product_call, copy_call = ceiling_calls(first.device, getattr(torch, dtype))
-        calls[f"product {dtype}"] = product_call
-        calls[f"copy {dtype}"] = copy_call
-    measured = timing.in_turns(calls, batch, first.size, ceilings[0]["threads"], first.device, show)
-    raised: list[Ceiling] = []
-    for ceiling in ceilings:
-        dtype = ceiling["dtype"]
-        # `samples` are ns of a turn over the batch: times the batch, they are ns of the whole product or copy.
-        product = batch * float(measured[f"product {dtype}"].samples.min())
-        copied = batch * float(measured[f"copy {dtype}"].samples.min())
-        flops, read = rates(product, copied, first.device)
-        flops, read = max(ceiling["flops_per_ns"], flops), max(ceiling["bytes_per_ns"], read)
-        raised.append({**ceiling, "flops_per_ns": flops, "bytes_per_ns": read})
-    return measured, raised
 
 
 def _variants_of_job(suite: Suite, job: Job, material: Material) -> list[Variant]:

@@ -1,8 +1,6 @@
 """How fast a machine multiplies and copies, and what that allows a decoder: the ceiling of every timing table."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import torch
 
@@ -28,46 +26,25 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
     times decoders on as many threads. The best of several rounds, because a limit needs to be reached only once.
     """
     clock = clock_of(threads)
+    # Not `is_gpu`: an emulated GPU computes on the CPU.
+    side, copied = (GPU_SIDE, GPU_COPIED) if device.type == "cuda" else (SIDE, COPIED)
     with torch_threads(threads):
-        product_call, copy_call = ceiling_calls(device, dtype)
-        time_product = calibrated(product_call, device, clock)
-        time_copy = calibrated(copy_call, device, clock)
+        a = torch.rand(side, side, device=device).to(dtype)
+        b = torch.rand(side, side, device=device).to(dtype)
+        product = torch.empty_like(a)
+        source = torch.zeros(copied, dtype=torch.uint8, device=device)
+        target = torch.empty_like(source)
+        time_product = calibrated(lambda: torch.mm(a, b, out=product), device, clock)
+        time_copy = calibrated(lambda: target.copy_(source), device, clock)
         product_ns = min(time_product() for _ in range(ROUNDS))
         copy_ns = min(time_copy() for _ in range(ROUNDS))
-    flops_per_ns, bytes_per_ns = rates(product_ns, copy_ns, device)
     return {
-        "flops_per_ns": flops_per_ns,
-        "bytes_per_ns": bytes_per_ns,
+        "flops_per_ns": 2 * side**3 / product_ns,
+        "bytes_per_ns": 2 * copied / copy_ns,
         "threads": threads,
         "device": str(device),
         "dtype": str(dtype).removeprefix("torch."),
     }
-
-
-def ceiling_calls(device: torch.device, dtype: torch.dtype) -> tuple[Callable[[], Any], Callable[[], Any]]:
-    """A matrix product and a copy, whose times are ceilings of a machine."""
-    side, copied = sizes_on(device)
-    a = torch.rand(side, side, device=device).to(dtype)
-    b = torch.rand(side, side, device=device).to(dtype)
-    product = torch.empty_like(a)
-    source = torch.zeros(copied, dtype=torch.uint8, device=device)
-    target = torch.empty_like(source)
-    return lambda: torch.mm(a, b, out=product), lambda: target.copy_(source)
-
-
-def sizes_on(device: torch.device) -> tuple[int, int]:
-    """The side of the multiplied matrices, and the copied bytes."""
-    if device.type == "cuda":  # not `is_gpu`: an emulated GPU computes on the CPU
-        return GPU_SIDE, GPU_COPIED
-    return SIDE, COPIED
-
-
-def rates(product_ns: float, copy_ns: float, device: torch.device) -> tuple[float, float]:
-    """Operations and bytes a ns, from the times of both calls of `ceiling_calls`."""
-    side, copied = sizes_on(device)
-    operations = 2 * side**3  # a multiplication and an addition for each of side³ products
-    moved = 2 * copied  # each byte is read and written
-    return operations / product_ns, moved / copy_ns
 
 
 def least_ns(material: Material, precision: str, ceilings: list[Ceiling]) -> float:

@@ -11,8 +11,6 @@ import torch
 
 from bench import cli, timing
 from bench.cli.commands import choose as choose_command
-from bench.codec import Fit
-from bench.codecs.registry import load_codec
 from bench.compare.choosing import best_choices_in_words, name_of_choice, on_front, usable_rungs
 from bench.conformance.check import tiny_btf
 from bench.data.spec import MaterialSpec, Preparation
@@ -161,18 +159,6 @@ def test_what_has_a_record_is_not_measured_again(quick, fresh, monkeypatch):
     again = measure(suite, fresh)
     assert list(map(len, timed)) == [2, 2]
     assert {row["score_key"]["exposure"] for row in again.choices if "of" in row} == {2.0}
-
-
-def test_ceilings_are_timed_in_turns_with_the_rest_and_rise_to_what_a_turn_reaches(monkeypatch):
-    monkeypatch.setattr("bench.timing.roofline.COPIED", 1 << 20)
-    monkeypatch.setattr("bench.timing.roofline.SIDE", 64)
-    slow = ceiling("float32", 1e-6, 1e-6)
-    material = load_codec("mean-colour")()
-    decoded = material.decode(material.encode(tiny_btf(12, 6, 6), Fit()), torch.device("cpu"))
-    measured, (raised,) = trade._time_in_turns({"0": decoded}, [slow], 256, lambda *_: None)
-    assert set(measured) >= {"0", timing.FLOOR}
-    assert raised["flops_per_ns"] > 1
-    assert raised["bytes_per_ns"] > 0.1
 
 
 def test_a_share_above_the_whole_limit_is_marked_and_explained(copied):
