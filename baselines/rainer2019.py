@@ -142,6 +142,11 @@ class EncodedLatents(rainer.Autoencoder):
 class FreeDecoder(rainer.RainerObjective):
     """A decoder without an encoder, fitted to random samples."""
 
+    def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit, generator: torch.Generator):
+        """Make the decoder, with the next numbers of the generator as weights, and its inputs for each pair."""
+        super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
+        self.coordinates = rainer.direction_coordinates(samples.wo, samples.wi, settings.directions)
+
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at as many random samples as the encoder's fit decodes in a step."""
         batch = self.samples.draw(self.settings.texels * self.settings.pairs, generator)
@@ -156,9 +161,8 @@ class FreeLatents(FreeDecoder):
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
         """Make the decoder, and start the latents at the texels' principal components: see `first_latents`."""
         generator = fit.generator()
-        super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
+        super().__init__(samples, settings, fit, generator)
         self.latents = nn.Parameter(first_latents(samples, settings.latents, "components", generator))  # (texels, D)
-        self.coordinates = rainer.direction_coordinates(samples.wo, samples.wi, settings.directions)
         self.rounding = Rounding(settings.latents + rainer.STATISTICS, settings.bits, sizes=[samples.shape])
 
     def texture(self) -> Tensor:
@@ -184,8 +188,7 @@ class GriddedLatents(FreeDecoder):
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
         """Make the decoder and the offset's network, then start the grids at the texels' principal components."""
         generator = fit.generator()
-        super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
-        self.coordinates = rainer.direction_coordinates(samples.wo, samples.wi, settings.directions)
+        super().__init__(samples, settings, fit, generator)
         self.network: Any = GriddedNetwork(self.network, settings, samples.shape, generator)
         self.grids = first_grids(samples, settings, "components", generator)
         self.rounding = Rounding(rainer.STATISTICS, settings.bits)  # of the statistics
