@@ -89,9 +89,7 @@ class ComponentsMaterial(Material):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
         of detail. Log radiance, if it was decomposed, is interpolated between pairs."""
-        coefficients = functional.pad(
-            sample_texture(self.texture, uv), (1, 0), value=1.0
-        )  # (n, k + 1), the mean's first
+        coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)  # (n, k + 1)
         if self.gain is None:
             pair, weight = self.interpolator(wo, wi)  # these weights include the cosines
             return self.combined(pair, weight, coefficients)

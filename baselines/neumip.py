@@ -204,7 +204,7 @@ class NeuMIPObjective(Objective):
         first_offset = torch.zeros_like(finest) if settings.start == "random" else finest.clone()
         self.offset = nn.Parameter(first_offset) if settings.offset else None
         self.rounded_table = Rounding(settings.channels, settings.bits, sizes=self.pyramid.level_sizes)
-        one_level = [self.samples.shape]  # as the offset's texture has
+        one_level = [self.samples.shape]  # of the offset's texture
         self.rounded_offset = Rounding(settings.channels, settings.bits, sizes=one_level) if settings.offset else None
 
     def _first_table(self, finest: Tensor, generator: torch.Generator) -> Tensor:

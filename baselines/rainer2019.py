@@ -25,14 +25,7 @@ from bench.material import Material, sample_texture, to_radiance
 from bench.training import Batch, Samples, better_start, first_latents, gain_of, train
 from bench.training.decoder import Architecture, Decoder
 from bench.training.fitting import ROUNDING_SAMPLES
-from bench.training.gridded import (
-    GriddedMaterial,
-    GriddedNetwork,
-    first_grids,
-    gridded_parts,
-    is_gridded,
-    load_gridded,
-)
+from bench.training.gridded import GriddedMaterial, GriddedNetwork, first_grids, gridded_parts, is_gridded, load_gridded
 from bench.training.grids import GridSettings, total_channels
 from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
