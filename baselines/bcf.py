@@ -164,10 +164,10 @@ class BlockTexture(nn.Module):
         ends, shares = lines(latents.mT[block_texels])  # of latents (B, 16, T, 3)
         self.ends = nn.Parameter(ends)
         count, textures = latents.shape[0], latents.shape[2]
-        block = torch.empty(count, dtype=torch.long)
-        share = torch.empty(count, textures)
-        # The block of each texel, and its share there. A texel that repeats beyond the border is in several blocks.
-        # Blocks are gone through backwards, and each overwrites the one before, so that the first of several stays.
+        block = torch.empty(count, dtype=torch.long)  # of each texel
+        share = torch.empty(count, textures)  # of each texel on the lines of that block
+        # A texel that repeats beyond the border is in several blocks. Blocks are gone through backwards, and each
+        # overwrites the one before, so that the first of several stays.
         texels = block_texels.flatten().flip(0)  # (B · 16,)
         places = torch.arange(block_texels.numel()).flip(0)  # the place of each of these texels in `block_texels`
         block[texels] = places // block_texels.shape[1]
@@ -211,7 +211,7 @@ class BlockTexture(nn.Module):
         return codes.clamp_min(0).minimum(self.highest_codes).long()
 
     def rounded(self, first: Tensor, second: Tensor) -> Tensor:
-        """The latents (texels, T, 3) that a file gives back for texels between those ends (texels, T, 3)."""
+        """The latents (texels, T, 3) that a file gives back for the fitted shares between ends (texels, T, 3)."""
         first_colour = bc1.widened(self.codes(first))
         second_colour = bc1.widened(self.codes(second))
         colour = bc1.between(first_colour, second_colour, (3 * self.share).round().long())  # four steps, 0 … 3

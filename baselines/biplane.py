@@ -117,7 +117,7 @@ class Biplane(Codec):
         train(fitting, fit, self.settings.steps)
         texture = fitting.stored_texture().reshape(*btf.shape, -1)
         return Parts(
-            decoder=store_texture("half", fitting.planes()[0], fitting.rounded_planes),
+            decoder=store_texture("half", fitting.planes()[0], fitting.rounded_planes),  # of the only material
             texture=store_texture("texels", texture, fitting.rounded_texels),
             other={"gain": torch.tensor([gain])},
             network=network,
@@ -368,9 +368,9 @@ class BiplaneMaterial(Material):
     def __init__(self, decoder: BiplaneDecoder, texture: Tensor, half: Tensor, gain: float, difference: Difference):
         """Count the cost of an answer, and keep the parts."""
         parameters = sum(p.numel() for p in decoder.parameters())
-        matrix, offset = 2 * MATRIX, 3  # multiply and add, and add
+        colouring_flops = 2 * MATRIX + 3  # multiply and add the matrix, and add the offset
         plane_numbers_read = 4 * FEATURES  # of four texels of the plane
-        flops = decoder.flops + matrix + offset + 2 * plane_numbers_read  # each is multiplied and added
+        flops = decoder.flops + colouring_flops + 2 * plane_numbers_read  # each is multiplied and added
         cost = DecoderCost.of_texture(texture, parameters, flops)  # adds the texture's own reads
         bytes_read = cost.bytes_per_sample + 4 * plane_numbers_read  # float32
         cost = replace(cost, table_floats=half.numel(), bytes_per_sample=bytes_read)

@@ -46,7 +46,7 @@ def cluster_labels(points: Array, clusters: int, seed: int) -> Array:
 
     if clusters == 1 or points.shape[1] == 0:
         return np.zeros(len(points), np.int64)  # one cluster; points of no numbers are all alike
-    # Points are equal if they are in steps of 2⁻¹² of the largest number, about the precision of a half.
+    # Points are equal if they round to the same steps of 2⁻¹² of the largest number, about the precision of a half.
     step = 2.0**-12 * np.abs(points).max(initial=0)
     if step == 0:  # all points are 0, and any step will do
         step = 1.0
@@ -77,8 +77,8 @@ def _bits_of_bytes(codes: int) -> list[int]:
 
 
 def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
-    """The labels (count,), int64, that `pack_index` packed. Raises `ValueError` if bytes are missing, or a label is not
-    below `codes`."""
+    """The labels (count,), int64, that `pack_index` packed. Raises `ValueError` if bytes are missing, a label is not
+    below `codes`, there is no texel, or there are more codes than `MOST_CODES`."""
     if count < 1 or codes > MOST_CODES:
         raise ValueError(f"an index of {count} texels and {codes} codes")
     byte_count = len(_bits_of_bytes(codes))

@@ -57,14 +57,14 @@ def rounded_coefficients(
     The values (F, texels) are mean (F, 1) + rows (F, C) · coefficients (C, texels). `bits` is the setting: the bits of
     a number on average, 0 for as many as matter, 16 or 32 for floats. Each channel takes `least` bits or more.
     """
-    coefficients = texture.flatten(0, 1)  # (texels, C)
-    some_texels = probed_texels(len(coefficients))
+    of_texels = texture.flatten(0, 1)  # (texels, C)
+    some_texels = probed_texels(len(of_texels))
 
     def answers(coefficients: Tensor) -> Tensor:
         """The values (F, n) of coefficients (n, C)."""
         return mean + rows @ coefficients.T
 
-    rounding = round_after(coefficients[some_texels], bits, answers, values[:, some_texels], least)
+    rounding = round_after(of_texels[some_texels], bits, answers, values[:, some_texels], least)
     return rounding.fit_to(texture)  # the same bits, for the range of all texels
 
 
@@ -88,17 +88,23 @@ class ComponentsMaterial(Material):
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
-        of detail.
-
-        The mean's coefficient, 1, comes first. Log radiance, if it was decomposed, is interpolated between pairs.
-        Radiance includes the cosine of the light. So it is divided by the mean cosine of the pairs' lights, and
-        multiplied by the cosine of the query's.
-        """
+        of detail. Log radiance, if it was decomposed, is interpolated between pairs."""
         coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)  # (n, k + 1)
         if self.gain is None:
             pair, weight = self.interpolator(wo, wi)  # these weights include the cosines
             return self.combined(pair, weight, coefficients)
         pair, share = self.interpolator.shares(wo, wi)
         level = self.combined(pair, share, coefficients).clamp_min(0)
-        cosine_ratio = wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level)
-        return to_radiance(level, self.gain) * cosine_ratio
+        return radiance_under(wi, level, self.gain, self.interpolator, pair, share)
+
+
+def radiance_under(
+    wi: Tensor, level: Tensor, gain: float, interpolator: PairInterpolator, pair: Tensor, share: Tensor
+) -> Tensor:
+    """Linear radiance (n, 3) for lights wi (n, 3), of log radiance `level` (n, 3) mixed by the shares of pairs (n, P).
+
+    Radiance includes the cosine of the light. So it is divided by the mean cosine of the pairs' lights, and multiplied
+    by the cosine of the query's.
+    """
+    cosine_ratio = wi[:, 2:] / interpolator.mean_cosine(pair, share, level)
+    return to_radiance(level, gain) * cosine_ratio

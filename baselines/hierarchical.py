@@ -85,10 +85,9 @@ class Inception(nn.Module):
         """Operations of an answer of `side` × `side` texels, a fused multiply-add counted as two."""
         # A 1 × 1 before a larger kernel answers all the texels that this kernel reads.
         point, to_three, three, to_five, five, pooled = (int(layer.weight.numel()) for layer in self.kernels)
-        multiply_adds = (
-            side**2 * (point + three + five + pooled) + (side + 2) ** 2 * to_three + (side + 4) ** 2 * to_five
-        )
-        return 2 * multiply_adds
+        at_answers = side**2 * (point + three + five + pooled)
+        before_kernels = (side + 2) ** 2 * to_three + (side + 4) ** 2 * to_five
+        return 2 * (at_answers + before_kernels)
 
 
 def linear(inputs: int, outputs: int, generator: torch.Generator | None) -> nn.Linear:
@@ -214,8 +213,8 @@ class HierarchicalNetworks(Networks):
         period has two texels of the level or more, fades out below, and is 0 from one texel on.
         """
         octave = torch.arange(self.places, device=uv.device)
-        texels_of_period = math.log2(side) - level[:, None] - octave  # (n, places), as log2
-        share = texels_of_period.clamp(0, 1)  # log2 of two texels is 1, and of one is 0
+        log2_of_period = math.log2(side) - level[:, None] - octave  # (n, places), of a period's texels
+        share = log2_of_period.clamp(0, 1)  # log2 of two texels is 1, and of one is 0
         # (n, 4, places): sin of u and of v, cos of u and of v. `sines` takes numbers from −1 to 1.
         waves = sines(2 * uv - 1, self.places).unflatten(1, (4, -1))
         return waves.mul(share[:, None]).flatten(1)
@@ -224,7 +223,7 @@ class HierarchicalNetworks(Networks):
 def texels_around(pyramid: Pyramid, middle: Tensor, level: Tensor, side: int) -> Tensor:
     """The uv (n, side, side, 2), not wrapped, of n squares of `side` × `side` texels, around middles at uv (n, 2).
 
-    A square's texels are those of its level (n,). Rows go from the top, where v is largest, down.
+    Neighbours lie a texel of the square's level (n,) apart. Rows go from the top, where v is largest, down.
     """
     distance_to_middle = torch.arange(side, device=middle.device) - (side - 1) / 2  # in texels
     right = distance_to_middle.expand(side, side)
@@ -236,7 +235,7 @@ def texels_around(pyramid: Pyramid, middle: Tensor, level: Tensor, side: int) ->
 
 
 def sines(numbers: Tensor, octaves: int) -> Tensor:
-    """sin and cos of 2ᵏ π x, k from 0, of numbers x (n, C): (n, 2 C · octaves), the octaves of each side by side."""
+    """The sines of 2ᵏ π x, k from 0, for x (n, C), then the cosines: (n, 2 C · octaves), all k of a number together."""
     frequency = math.pi * 2.0 ** torch.arange(octaves, device=numbers.device)
     angle = (numbers[:, :, None] * frequency).flatten(1)  # (n, C · octaves)
     return torch.cat([angle.sin(), angle.cos()], 1)
@@ -309,7 +308,7 @@ class HierarchicalObjective(NeuMIPObjective):
         patch = self.settings.patch
         height, width = samples.shape
         corner = samples.draw(count, generator)  # a patch begins at each of these samples, and has their directions
-        uv, wo, wi, levels = queries_of(self.levels, level, corner)
+        uv, wo, wi, level_of_detail = queries_of(self.levels, level, corner)
         texel_size = 2**level / self.pyramid.sizes[0].flip(0)  # (2,), of the level, along u and v
         across, down = ((patch - 1) / 2 * texel_size).unbind()  # from the first texel's centre to the patch's
         middle = torch.stack([uv[:, 0] + across, uv[:, 1] - down], 1)  # rows go down, v goes up
@@ -320,7 +319,7 @@ class HierarchicalObjective(NeuMIPObjective):
         col = (first_col[:, None] + step).remainder(width)  # (n, S)
         texels = (row[:, :, None] * width + col[:, None]).flatten()  # (n · S²,)
         target = samples.seen(texels, corner.pair.repeat_interleave(patch**2)).target
-        return middle, wo, wi, levels, target.unflatten(0, (count, patch, patch)), corner.pair
+        return middle, wo, wi, level_of_detail, target.unflatten(0, (count, patch, patch)), corner.pair
 
 
 def gradients(pictures: Tensor) -> Tensor:

@@ -117,8 +117,7 @@ class HSH(Codec):
         terms = basis(wo, wi, bands, self.light_functions)  # (P, K)
         of_colours = torch.einsum("pk,cd->pckd", terms, torch.eye(3))  # (P, 3, K, 3)
         # An error of radiance is one of radiance / cosine times the cosine, so rows and values are multiplied by it.
-        rows = of_colours.flatten(2).flatten(0, 1) * cosine  # (3 · P, 3 · K)
-        rows = rows.to(values)
+        rows = (of_colours.flatten(2).flatten(0, 1) * cosine).to(values)  # (3 · P, 3 · K)
         no_mean = torch.zeros(len(rows), 1, device=values.device)
         # Harmonics that a surface hardly has take no bits; a file of more codes needs a bit of each, or is not opened.
         least = 0 if texture.numel() <= MOST_CODES else 1
@@ -278,8 +277,8 @@ class HSHMaterial(Material):
         height, width, channels = texture.shape
         times_coefficients = 2 * channels  # multiply and add each coefficient
         products = channels // 3  # one for each function of the light with each of the view
-        harmonics_made = 6 * sum(n * n for n in bands)  # about six operations each
-        flops = times_coefficients + products + harmonics_made
+        functions_made = 6 * sum(n * n for n in bands)  # about six operations each, polynomials counted as harmonics
+        flops = times_coefficients + products + functions_made
         super().__init__((height, width), DecoderCost.of_texture(texture, flops=flops))
         self.texture = texture
         self.bands = bands

@@ -16,12 +16,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from baselines.clusters import cluster_labels, pack_index, reduced_abrdfs, unpack_index
-from baselines.components import probed_texels, probed_values
+from baselines.components import probed_texels, probed_values, radiance_under
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
 from bench.inputs.settings import Count, Range
-from bench.material import DecoderCost, Material, at_least_float32, saturated, texel_corners, to_radiance
+from bench.material import DecoderCost, Material, at_least_float32, saturated, texel_corners
 from bench.training import Bits, Rounding, gain_of, load_table, load_texture, round_after, store_table, store_texture
 
 SPANNING_COMPONENTS = 64  # principal components of all texels, in which the clusters' means and components are found
@@ -82,9 +82,10 @@ class LocalPCA(Codec):
         probed_table = table[pairs]  # (P, 3, clusters · (k + 1))
         target = values[:, some_texels].cpu()  # (3 · P, n)
 
-        def answers(table: Tensor, coefficients: Tensor) -> Tensor:
-            """Log radiance (3 · P, n) of P probed pairs and n probed texels, from a table and coefficients of these."""
-            rows = table.flatten(0, 1).unflatten(1, (len(local.means), -1))[:, probed_labels]  # (3 · P, n, k + 1)
+        def answers(components: Tensor, coefficients: Tensor) -> Tensor:
+            """Log radiance (3 · P, n), from components and coefficients like the probed ones."""
+            by_cluster = components.flatten(0, 1).unflatten(1, (len(local.means), -1))  # (3 · P, clusters, k + 1)
+            rows = by_cluster[:, probed_labels]  # (3 · P, n, k + 1)
             return (rows * functional.pad(coefficients, (1, 0), value=1.0)).sum(2)
 
         bits = self.settings.bits
@@ -233,6 +234,4 @@ class LocalPCAMaterial(Material):
         coefficients = functional.pad(self.coefficients[texel], (1, 0), value=1.0).to(dtype)
         coefficients *= texel_weight[..., None].to(dtype)
         level = (components * coefficients[:, :, None]).sum((1, 3)).clamp_min(0)
-        # The pairs' radiance includes the cosine of their lights: see `ComponentsMaterial.evaluate`.
-        cosine_ratio = wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level)
-        return to_radiance(level, self.gain) * cosine_ratio
+        return radiance_under(wi, level, self.gain, self.interpolator, pair, share)

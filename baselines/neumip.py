@@ -204,10 +204,8 @@ class NeuMIPObjective(Objective):
         first_offset = torch.zeros_like(finest) if settings.start == "random" else finest.clone()
         self.offset = nn.Parameter(first_offset) if settings.offset else None
         self.rounded_table = Rounding(settings.channels, settings.bits, sizes=self.pyramid.level_sizes)
-        offset_sizes = [self.samples.shape]  # its texture has one level
-        self.rounded_offset = (
-            Rounding(settings.channels, settings.bits, sizes=offset_sizes) if settings.offset else None
-        )
+        one_level = [self.samples.shape]  # of the offset's texture
+        self.rounded_offset = Rounding(settings.channels, settings.bits, sizes=one_level) if settings.offset else None
 
     def _first_table(self, finest: Tensor, generator: torch.Generator) -> Tensor:
         """The first latents (rows, C) of all levels: the finest ones (H · W, C), and box averages of them.

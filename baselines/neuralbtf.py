@@ -189,9 +189,8 @@ class NeuralBTFObjective(TextureObjective):
             first_output = first_output.expm1() / LOG_SCALE
         self.network.decoder.start_at(first_output)
         self.textures = nn.ParameterDict(first_textures(samples, settings, generator))
-        self.roundings: Any = nn.ModuleDict()  # of each texture, by its name
-        for name in self.textures:
-            self.roundings[name] = Rounding(settings.channels, settings.bits)
+        roundings = {name: Rounding(settings.channels, settings.bits) for name in self.textures}
+        self.roundings: Any = nn.ModuleDict(roundings)
         directions = network_inputs(samples.wo, samples.wi, settings.directions)
         self.directions = nn.Buffer(directions, persistent=False)  # the network's inputs of each pair
 

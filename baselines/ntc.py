@@ -157,7 +157,7 @@ def corners_of_texels(grid: tuple[int, int], size: tuple[int, ...]) -> tuple[Ten
     """The four points (H · W, 4) of a periodic grid around each texel of a picture, and their bilinear weights.
 
     `grid` is its size (rows, columns), `size` the picture's (H, W). A point is given as row · columns + column. Places
-    are counted in whole numbers. Those of floats would fall to either side of a point that they should meet.
+    are computed in whole numbers: as floats, a place that should meet a point could fall to either side of it.
     """
     firsts = []  # of rows, then of columns: the point before each texel
     shares = []  # how far the texel is from this point to the next, from 0 to 1
@@ -279,9 +279,9 @@ class NTCMaterial(Material):
         fine, coarse = grids
         channels = fine.shape[1] + coarse.shape[1]
         floats = fine.numel() + coarse.numel()
-        coarse_points = 2 * 4 * coarse.shape[1]  # four points, multiplied and added; the finer ones are not mixed
-        mixed_colours = 2 * 3  # the answer's three colours, multiplied by the texel's weight and added
-        flops_of_texel = architecture.flops + coarse_points + mixed_colours
+        coarse_flops = 2 * 4 * coarse.shape[1]  # four points, multiplied and added; the finer ones are not mixed
+        colour_flops = 2 * 3  # the answer's three colours, multiplied by the texel's weight and added
+        flops_of_texel = architecture.flops + coarse_flops + colour_flops
         numbers_of_texel = 4 * channels  # at four points of both grids
         cost = DecoderCost(
             parameters=architecture.parameters,

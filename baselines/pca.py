@@ -83,9 +83,9 @@ class PCA(Codec):
             precision: FloatPrecision = "float32" if bits == 32 else "half"
             decoder = pack("mean", mean, precision)
 
-        def answers(rows: Tensor) -> Tensor:
-            """The values (3 · P, texels) that components (3 · P, k or k + 1), the rows of the probed pairs, give."""
-            return apart_mean + rows @ coefficients
+        def answers(components: Tensor) -> Tensor:
+            """The values (3 · P, texels) that components (3 · P, k or k + 1) of the probed pairs give."""
+            return apart_mean + components @ coefficients
 
         basis_rounding = round_after(rows, bits, answers, values).fit_to(basis)
         # The colours of a component follow each other, so that one predicts the next.
@@ -97,12 +97,12 @@ class PCA(Codec):
         )
 
     def _factors_of(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
-        """The components of a BTF, found in a part of it if its matrix is `LARGE`.
+        """The components of a BTF, found in a part of it if its matrix is larger than `LARGE`, but never for a scene.
 
         `gain` is that of log radiance; None: of radiance as it is.
         """
         matrix_bytes = 12 * len(btf) * btf.shape[0] * btf.shape[1]  # three float32 a texel and pair
-        if matrix_bytes > LARGE and not fit.density:  # a fit to a scene always reads all
+        if matrix_bytes > LARGE and not fit.density:
             return self._factors_of_part(btf, fit, gain)
         return principal_components(btf, fit, gain, self.settings.components, self.settings.passes)
 

@@ -115,10 +115,9 @@ def _of_avif(data: bytes, size: tuple[int, int]) -> np.ndarray:
     """The grey picture (H, W), float32, of an AVIF file. `ValueError` if it is none of this size."""
     try:
         with Image.open(io.BytesIO(data), formats=["AVIF"]) as picture:
-            if picture.size != (size[1], size[0]):
-                raise ValueError(
-                    f"a picture of {picture.size[1]} × {picture.size[0]} pixels, not {size[0]} × {size[1]}"
-                )
+            width, height = picture.size
+            if (height, width) != size:
+                raise ValueError(f"a picture of {height} × {width} pixels, not {size[0]} × {size[1]}")
             return np.asarray(picture.convert("L"), np.float32)
     except (OSError, SyntaxError, RuntimeError, Image.DecompressionBombError) as error:
         raise ValueError(f"the coefficients are no AVIF picture: {error}") from error

@@ -28,7 +28,7 @@ def level_count(size: tuple[int, int]) -> int:
 def level_of(footprint: Tensor, side: int, count: int) -> Tensor:
     """The level (n,), a float, of footprints (n,): log2 of their side in finest texels, within the `count` levels.
 
-    The picture has `side` texels along its longer side.
+    Footprints are shares of the picture's longer side, which has `side` texels.
     """
     return (footprint.float() * side).log2().clamp(0, count - 1)
 
@@ -126,9 +126,8 @@ class Levels(nn.Module):
         index, weight = self.corners(uv, finer)
         if level.is_floating_point():
             share = (level - finer)[:, None]  # of the way to the coarser level
-            coarser = (finer + 1).clamp_max(
-                len(self.level_sizes) - 1
-            )  # the coarsest has no coarser one; its share is 0
+            # The coarsest level has no coarser one; the share of that is 0.
+            coarser = (finer + 1).clamp_max(len(self.level_sizes) - 1)
             coarser_index, coarser_weight = self.corners(uv, coarser)
             index = torch.cat([index, coarser_index], 1)
             weight = torch.cat([weight * (1 - share), coarser_weight * share], 1)

@@ -195,8 +195,8 @@ class RainerMaterial(Material):
 
     def __init__(self, decoder: Decoder, texture: Tensor, gain: float, directions: Directions = "stereographic"):
         """Count the cost of an answer, and keep the parts."""
-        architecture = decoder.architecture
-        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + STATISTICS_FLOPS)
+        flops = decoder.architecture.flops + STATISTICS_FLOPS
+        cost = DecoderCost.of_texture(texture, decoder.architecture.parameters, flops)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder = decoder
         self.texture = texture

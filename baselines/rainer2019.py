@@ -25,14 +25,7 @@ from bench.material import Material, sample_texture, to_radiance
 from bench.training import Batch, Samples, better_start, first_latents, gain_of, train
 from bench.training.decoder import Architecture, Decoder
 from bench.training.fitting import ROUNDING_SAMPLES
-from bench.training.gridded import (
-    GriddedMaterial,
-    GriddedNetwork,
-    first_grids,
-    gridded_parts,
-    is_gridded,
-    load_gridded,
-)
+from bench.training.gridded import GriddedMaterial, GriddedNetwork, first_grids, gridded_parts, is_gridded, load_gridded
 from bench.training.grids import GridSettings, total_channels
 from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
@@ -142,6 +135,11 @@ class EncodedLatents(rainer.Autoencoder):
 class FreeDecoder(rainer.RainerObjective):
     """A decoder without an encoder, fitted to random samples."""
 
+    def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit, generator: torch.Generator):
+        """Make the decoder, with the next numbers of the generator as weights, and its inputs for each pair."""
+        super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
+        self.coordinates = rainer.direction_coordinates(samples.wo, samples.wi, settings.directions)
+
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at as many random samples as the encoder's fit decodes in a step."""
         batch = self.samples.draw(self.settings.texels * self.settings.pairs, generator)
@@ -156,9 +154,8 @@ class FreeLatents(FreeDecoder):
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
         """Make the decoder, and start the latents at the texels' principal components: see `first_latents`."""
         generator = fit.generator()
-        super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
+        super().__init__(samples, settings, fit, generator)
         self.latents = nn.Parameter(first_latents(samples, settings.latents, "components", generator))  # (texels, D)
-        self.coordinates = rainer.direction_coordinates(samples.wo, samples.wi, settings.directions)
         self.rounding = Rounding(settings.latents + rainer.STATISTICS, settings.bits, sizes=[samples.shape])
 
     def texture(self) -> Tensor:
@@ -184,8 +181,7 @@ class GriddedLatents(FreeDecoder):
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
         """Make the decoder and the offset's network, then start the grids at the texels' principal components."""
         generator = fit.generator()
-        super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
-        self.coordinates = rainer.direction_coordinates(samples.wo, samples.wi, settings.directions)
+        super().__init__(samples, settings, fit, generator)
         self.network: Any = GriddedNetwork(self.network, settings, samples.shape, generator)
         self.grids = first_grids(samples, settings, "components", generator)
         self.rounding = Rounding(rainer.STATISTICS, settings.bits)  # of the statistics

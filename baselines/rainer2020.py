@@ -98,9 +98,9 @@ class Rainer2020(Codec):
         batch = samples.draw(ROUNDING_SAMPLES, fit.generator())
         coordinates = rainer.direction_coordinates(samples.wo, samples.wi)[batch.pair]
 
-        def answers(texture: Tensor) -> Tensor:
-            """Log radiance (n, 3) of a texture (H · W, D + 6) at the samples of `batch`."""
-            rows = texture.index_select(0, batch.texel)
+        def answers(values: Tensor) -> Tensor:
+            """Log radiance (n, 3) at the samples of `batch`, of values (H · W, D + 6) of the texture."""
+            rows = values.index_select(0, batch.texel)
             return rainer.log_radiance(coder.decoder, rows, coordinates)
 
         rounding = round_after(texture, self.settings.bits, answers, batch.target)
@@ -125,7 +125,8 @@ def canonical_pairs() -> Layout:
 
     The directions are evenly thinned ones of UBO2003.
     """
-    directions = ubo2003()[thin(ubo2003(), CANONICAL)]  # (CANONICAL, 3)
+    measured = ubo2003()
+    directions = measured[thin(measured, CANONICAL)]  # (CANONICAL, 3)
     wo = np.repeat(directions, CANONICAL, 0)
     wi = np.tile(directions, (CANONICAL, 1))
     return Layout.of(wo, wi)

@@ -149,7 +149,7 @@ def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
 
 
 def _scaled(core: Tensor, coefficients: Tensor) -> tuple[Tensor, Tensor]:
-    """The core (J, M, 3, K + 1) for coefficients (T, K) of T texels from −1 to 1, and these.
+    """The core (J, M, 3, K + 1), and the coefficients (T, K) of T texels, scaled to lie between −1 and 1.
 
     Given are the core (K + 1, J, M, 3) of `tucker_factors` and coefficients of any range. Each is divided by the
     largest of its component, and the core's slice is multiplied by it, so that eight bits suit all slices equally.

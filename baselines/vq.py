@@ -17,12 +17,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from baselines.clusters import BLOCK_BYTES, MOST_CODES, cluster_labels, pack_index, reduced_abrdfs, unpack_index
-from baselines.components import probed_texels, probed_values
+from baselines.components import probed_texels, probed_values, radiance_under
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, picture_of_pairs, unpack_layout
 from bench.inputs.settings import Count, Range
-from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
+from bench.material import DecoderCost, Material, saturated, texel_corners
 from bench.training import Bits, Rounding, gain_of, load_table, round_after, store_table
 from bench.training.svd import blocks
 
@@ -173,9 +173,7 @@ class VQMaterial(Material):
         weight = weight.expand(row.shape).to(self.codebook.dtype).flatten(1)  # (n, 4 · stages · P)
         weighted_sum = functional.embedding_bag(row.flatten(1), self.codebook, per_sample_weights=weight, mode="sum")
         level = saturated(weighted_sum).to(share.dtype).clamp_min(0)  # shares in halves may add up to more than 1
-        # The pairs' radiance includes the cosine of their lights: see `ComponentsMaterial.evaluate`.
-        cosine_ratio = wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level)
-        return to_radiance(level, self.gain) * cosine_ratio
+        return radiance_under(wi, level, self.gain, self.interpolator, pair, share)
 
 
 def _starts(counts: list[int]) -> Tensor:

@@ -130,10 +130,7 @@ class FramedNetwork(nn.Module):
             # (n, 3, 3), or without `halfway` (n, 2, 3).
             directions = torch.stack([wo, wi, half][: self.direction_count], 1)
         # x, y, z in each frame, (n, directions · 3 · frames), one direction after the other.
-        if self.frames is None:
-            turned = directions.flatten(1)
-        else:
-            turned = self.frames.turned(latents, directions)
+        turned = directions.flatten(1) if self.frames is None else self.frames.turned(latents, directions)
         if self.authors_code:
             # Half and difference vector whole, as x, y, z in each frame; of wi and wo only z, their cosines.
             whole, cosines = turned.unflatten(1, (4, -1)).split([2, 2], 1)  # (n, 2, 3 · frames) each

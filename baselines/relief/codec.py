@@ -91,8 +91,8 @@ class Network(nn.Module):
         widths = (settings.width,) * settings.layers
         outputs = 6 if self.shadow else 3  # radiance in RGB, and a mask of it in RGB
         self.decoder = Decoder(Architecture(inputs, widths, outputs, activation="silu"), generator)
-        # By the latents alone: where no height stands, the surface is so flat that every view sees the same depth.
         has_offset = settings.offset and not relief
+        # Not by the view: where no height stands, the surface is so flat that every view sees the same depth.
         self.offset = Offset(settings.offset, size, generator, by_view=False) if has_offset else None
 
     @property
@@ -240,7 +240,7 @@ class ReliefMaterial(Material):
             bytes_per_sample=numbers_read * bytes_of_number + 4 * heights_read,  # heights have four bytes, as float32
         )
         super().__init__(size, cost)
-        # The relief is separate from the network: it holds places, which stay float32 even if the network is shorter.
+        # The relief is separate from the network: it holds places, which stay float32 even if the network is in halves.
         self.network = network
         self.pyramids = pyramids
         self.relief = relief
@@ -289,7 +289,6 @@ class ReliefObjective(Objective):
         """
         super().__init__(levels[0], settings)
         self.levels = levels
-        self.fit = fit
         generator = fit.generator()
         has_height = height is not None
         self.network = Network(settings, self.samples.shape, relief=has_height, generator=generator)
@@ -300,7 +299,7 @@ class ReliefObjective(Objective):
         # The shift of the first height in texels, before smoothing; None if no height is refined.
         self.height_shift: nn.Parameter | None = None
         self.relief: Surface | None = None  # the surface that is marched
-        # What gives the slices of pairs of whose ABRDFs the first latents are components; None: `Samples.slices`.
+        # What gives the slices of some pairs, from which the first latents are made; None: `Samples.slices`.
         slices = None
         if height is not None:
             if settings.refine:
@@ -346,7 +345,7 @@ class ReliefObjective(Objective):
 
     @property
     def height(self) -> Tensor | None:
-        """The height (H, W) as refined so far, not rounded; none without a relief."""
+        """The height (H, W) as refined so far, not rounded; None without a relief."""
         if self.first_height is None or self.height_shift is None:
             return self.first_height
         shift = smoothed(self.height_shift) / self.samples.shape[1]  # in widths of the picture, as the height

@@ -41,7 +41,7 @@ class _Newest(NamedTuple):
 
     @classmethod
     def of(cls, finished: Sequence[Job], published: Collection[str]) -> "_Newest":
-        """Of finished jobs in order of time. Data and pairs of those that `published` names count as newer than any."""
+        """What the newest of jobs, in order of time, say; data and pairs of those in `published` count as newest."""
         newest = cls(score_keys={}, shapes={}, trainings={}, fit_keys={}, codes={})
         others = [job for job in finished if job["job"] not in published]
         of_published = [job for job in finished if job["job"] in published]

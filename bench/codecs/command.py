@@ -47,8 +47,7 @@ LINE = 4_096  # the most bytes of a program's line that are read at once
 class Programs(Codec):
     """Two programs of any kind: one that encodes, one that answers queries."""
 
-    name = "command"
-    version = 1
+    name, version = "command", 1
 
     @dataclass(frozen=True)
     class Settings:
@@ -58,6 +57,7 @@ class Programs(Codec):
         seconds: Positive = 3600.0  # the longest that it may take to encode, or for an answer
 
         def __post_init__(self) -> None:
+            """`InputError` if the name is not one word, or a program is no command line of one line."""
             # Tables take the first word of a label for the codec, and this name begins the label.
             if self.called.split() != [self.called]:
                 raise InputError(
@@ -128,7 +128,7 @@ class Programs(Codec):
             raise CodecError(f"{words[0]}: cannot be started ({error.strerror}): check its path") from error
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """A material that asks the program. `ContainerError` if the user has not permitted the program."""
+        """A material that asks the program. `ContainerError` if it is not permitted, or a file is named as a path."""
         if self.settings.decode not in permitted_programs():
             raise ContainerError(
                 f"to decode this file, the program `{self.settings.decode}` would be started: if you trust it, set "

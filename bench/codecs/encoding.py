@@ -111,9 +111,8 @@ def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
         except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
             if isinstance(error, OSError) and unwritable(error):  # a full disk is not its fault
                 raise
-            raise EncodeError(
-                f"codec {codec.name} failed to encode {btf.name}: {error_in_words(error, codec)}"
-            ) from error
+            what = error_in_words(error, codec)
+            raise EncodeError(f"codec {codec.name} failed to encode {btf.name}: {what}") from error
 
     return encode_naming_faults
 
@@ -151,7 +150,9 @@ def error_in_words(error: BaseException, codec: Codec) -> str:
     # PyTorch's error where a product mixes the two dtypes: networks and tables have the material's, queries do not.
     if "Half" in what and "float" in what.lower():
         what += ": queries are at least float32; convert what meets them by .to(wi.dtype)"
-    for frame, line in list(own_frames(raised, codec))[-1:]:  # the innermost, if the trace has any
+    frames = list(own_frames(raised, codec))
+    if frames:
+        frame, line = frames[-1]  # the innermost
         what += f" ({frame.f_code.co_filename}:{line})"
     return what
 

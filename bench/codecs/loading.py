@@ -67,7 +67,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
 
 
 def _with_settings(codec_class: type[Codec], header: Header) -> Codec:
-    """The codec with the settings of a file. `ContainerError`, without its path, for some that the codec lacks."""
+    """The codec with the settings of a file. `ContainerError`, which does not name the file, if it refuses any."""
     try:
         return codec_class(**header.settings)
     except InputError as error:

@@ -131,9 +131,9 @@ def reference(entry: EntryPoint) -> dict[str, str]:
     docstring says "Cited as `NAME`.", all three are those that the codec of that name states itself.
     """
 
-    def first_match(pattern: str, text: str) -> str:
+    def first_match(pattern: str, string: str) -> str:
         """The group of the pattern's first match, or the whole match if it has none; "" without a match."""
-        match = re.search(pattern, text, re.M | re.S)
+        match = re.search(pattern, string, re.M | re.S)
         if match is None:
             return ""
         return match[1] if match.re.groups else match[0]

@@ -27,9 +27,7 @@ from bench.inputs.errors import ContainerError, InputError, MissingDataError
 def folder() -> Path:
     """The folder of the user's own shared networks."""
     folder_of_user = os.environ.get("NEUBTF_SHARED")
-    if folder_of_user:
-        return Path(folder_of_user)
-    return cache_dir() / SHARED
+    return Path(folder_of_user) if folder_of_user else cache_dir() / SHARED
 
 
 def place(codec: str) -> Path:
@@ -123,9 +121,7 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     An interrupted training resumes from its state, which is kept beside the file until it is finished.
     """
     # The file that is replaced stays under its hash, because codec files may need it. An unreadable one fails now.
-    replaced = None
-    if path.exists():
-        replaced = container.read_header(path)
+    replaced = container.read_header(path) if path.exists() else None
     make_folder(path.parent)
     state = path.with_name(f"{path.stem}-{_training_key(network, btfs, fit)}.state")
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))

@@ -76,6 +76,7 @@ def _graph_of(material: Material) -> GraphModule:
     answer = material.faded if material.lowest_light else material.evaluate
 
     def of_query(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """The answer, as a function: of a method, the tracer would count `self` as one more argument."""
         return answer(uv, wo, wi, footprint)
 
     # Without a mode of its own PyTorch makes a new one for each step, which takes half of the time.
@@ -89,14 +90,18 @@ def _graph_of(material: Material) -> GraphModule:
 
 
 def _distances(left: Tensor, right: Tensor, order: float, mode: int | None) -> Tensor:
-    """`cdist` as plain operations: Euclidean distances (..., n, m) of points (..., n, k) and (..., m, k)."""
+    """`cdist` as plain operations: Euclidean distances (..., n, m) of points (..., n, k) and (..., m, k). `mode`, how
+    PyTorch would compute them, is ignored; `InputError` if `order` is not 2."""
     if order != 2:
         raise InputError(f"distances of order {order:g}")
     return (left.unsqueeze(-2) - right.unsqueeze(-3)).square().sum(-1).sqrt()
 
 
 def _top_k(source: Tensor, count: int, axis: int = -1, largest: bool = True, ranked: bool = True) -> list[Tensor]:
-    """`topk` as plain operations: the extreme number is found, then replaced by one that comes last, `count` times."""
+    """`topk` as plain operations: the extreme number is found, then replaced by one that comes last, `count` times.
+
+    So results are in order, `ranked` or not. `InputError` if there are more than `MOST_RANKED` numbers along the axis.
+    """
     rows = source.shape[axis]
     if rows > MOST_RANKED:
         raise InputError(f"it ranks {rows:,} numbers, but the limit is {MOST_RANKED}")
