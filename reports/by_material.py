@@ -100,7 +100,7 @@ class Measure(NamedTuple):
         )
 
     def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> OverSeeds:
-        """The numbers of a cell over the records of the seeds of a codec."""
+        """The numbers of a cell over the seeds of a codec; each record is as `_values_of_job` makes it."""
         measured = []
         reasons = []  # why the other records have no number
         for record in records:
@@ -143,7 +143,7 @@ class Measure(NamedTuple):
         if self.timed and record["unlike time"] and not isnan(value):
             return nan, NOT_COMPARABLE
         if self.field.startswith("scene/metrics/") and isnan(value) and isinstance(record["scene/name"], str):
-            # A PSNR is missing where there is no error, another metric where no pixel has its whole window in a frame.
+            # A PSNR is missing where there is no error, another metric where no pixel's window lies in a frame.
             is_exact = in_decibels(self.field.rpartition("/")[2])
             return (inf, "") if is_exact else (nan, NOT_APPLICABLE)
         if self.stated:
@@ -198,7 +198,8 @@ def _unit_and_arrow(metric: MetricFacts) -> str:
 
 
 def _metric(name: str, unit: str, metric: str, group: str, statistic: str = "mean", spread: bool = False) -> Measure:
-    """A metric over a group of pairs; with `spread`, its deviation over slices stands beside it."""
+    """The column of a statistic of a metric over a group of pairs, under the header `name` and `unit`; with `spread`,
+    its deviation over slices stands beside it."""
     field = f"scores/{group}/metrics/{metric}"
     second = f"{field}/std" if spread else ""
     return Measure(name, unit, f"{field}/{statistic}", _decimals(metric), second, stated=True)

@@ -82,9 +82,8 @@ def front_table(run: Run) -> Iterator[Table]:
     for leader, names in absent.items():
         notes.append(f"No best is marked on {', '.join(names)} surfaces: {why_absent(leader)}.")
     if EAGER in rungs.times:
-        notes.append(
-            about_times("Time: eager, of the files that PSNR is read off, median over the surfaces with times.")
-        )
+        on_time = "Time: eager, of the files that PSNR is read off, median over the surfaces with times."
+        notes.append(about_times(on_time))
     yield written("front", title, values, columns, [*notes, READ, *common_notes(run, rungs)])
 
 
@@ -163,7 +162,8 @@ def _budgets_values(rungs: Rungs, surfaces: Sequence[str], readings: Mapping[Bud
         values[[name, f"{name} bound"]] = reading[["value", "bound"]]
         # The test compares rungs, but values at a size are read between rungs. On fewer surfaces it tells nothing.
         is_tested = budget.kind != BYTES and len(surfaces) >= FEWEST
-        values[f"{name} apart"] = values.index.isin(list(rungs.told_apart(budget, surfaces)) if is_tested else [])
+        told_apart = rungs.told_apart(budget, surfaces) if is_tested else ()
+        values[f"{name} apart"] = values.index.isin(list(told_apart))
     # The best first at a size that most codecs reach; ties by the sizes next to it, half of it as near as twice.
     sizes = [budget for budget in readings if budget.kind == BYTES]
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
@@ -399,7 +399,7 @@ def _questions(rungs: Rungs) -> Iterator[_Question]:
 
 
 def mean_ranks(rungs: Rungs) -> Ranks | None:
-    """The mean ranks of lines within `ENOUGH`; None for fewer than two lines or three surfaces."""
+    """The mean ranks of lines within `ENOUGH`; None for fewer than two lines, or fewer than three surfaces."""
     if not rungs.surfaces:
         return None
     reached = rungs.reached(ENOUGH, list(rungs.surfaces))

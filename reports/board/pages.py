@@ -187,9 +187,8 @@ class MaterialPage(Page):
 
     def links(self) -> list[tuple[str, str]]:
         """The front, and the contents of the page, a section a source: the target of each link, and its text."""
-        links = [(FRONT, "All results")]
-        links += [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
-        return links
+        of_sources = [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
+        return [(FRONT, "All results"), *of_sources]
 
     def codecs(self) -> list[tuple[str, str]]:
         """Links to the codecs that have a row here: the page of each, and its name."""

@@ -205,7 +205,8 @@ def _with_inset(picture: np.ndarray, inset: Inset | None, factor: int) -> np.nda
 
 
 def framed(picture: np.ndarray, top: int, left: int, side: int) -> None:
-    """Draw the frame of a square into a picture (H, W, 3), changing it. The frame lies within the square."""
+    """Draw the frame of a square into a picture (H, W, 3), changing it. The frame lies within the square, whose upper
+    left corner and `side` are in pixels."""
     bottom, right = top + side, left + side
     picture[top : top + BORDER, left:right] = FRAME
     picture[bottom - BORDER : bottom, left:right] = FRAME
