@@ -106,7 +106,7 @@ def table_text(
         against = choice.against if choice else ""
         text = _formatted(all_tables(run, narrow, kind, against, whole), format, choice)
     if not text.strip() and kind != "unfinished":  # what was planned, and has no result, is known without the records
-        refuse_damaged([runs] if isinstance(runs, str | Path) else runs)
+        refuse_damaged(_folders(runs))
     return text
 
 
@@ -132,7 +132,7 @@ def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.Data
         raise InputError(f"table_values: not of the kind {kind!r}: choose one of {', '.join(of_numbers)}")
     tables = all_tables(_together(runs, kind), kind=kind)
     if not tables:
-        refuse_damaged([runs] if isinstance(runs, str | Path) else runs)
+        refuse_damaged(_folders(runs))
         raise InputError(f"table_values: no such table: {WHY_EMPTY[kind]}")
     titles = [table.title for table in tables]
     frames = []
@@ -145,14 +145,14 @@ def table_values(kind: str, runs: str | Path | Sequence[str | Path]) -> "pd.Data
         notes += map(str, table.notes)
         units |= table.values.attrs["units"]
         directions |= table.values.attrs["directions"]
-    whole = frames[0] if len(frames) == 1 else pd.concat(frames, keys=titles)
-    whole.attrs = {"titles": titles, "notes": list(dict.fromkeys(notes)), "units": units, "directions": directions}
-    return whole
+    numbers = frames[0] if len(frames) == 1 else pd.concat(frames, keys=titles)
+    numbers.attrs = {"titles": titles, "notes": list(dict.fromkeys(notes)), "units": units, "directions": directions}
+    return numbers
 
 
 def raw(run: "Run", kind: str | None = None) -> str:
-    """As CSV, nothing rounded: every number of every job, a row each, as in `bench.load_runs`; of the kind `trade`,
-    every choice."""
+    """As CSV, nothing rounded: a row a job with every number of its record, as in `bench.load_runs`; of the kind
+    `trade` a row a choice."""
     import pandas as pd
 
     from bench.compare.frame import frame_of
@@ -163,15 +163,19 @@ def raw(run: "Run", kind: str | None = None) -> str:
     return printable.to_csv(index=False, lineterminator="\n")
 
 
+def _folders(runs: str | Path | Sequence[str | Path]) -> Sequence[str | Path]:
+    """The folders or files of records that `runs` names: one, or several."""
+    return [runs] if isinstance(runs, str | Path) else runs
+
+
 def _together(runs: str | Path | Sequence[str | Path], kind: str | None) -> "Run":
     """The runs as one, of which tables of a kind are made."""
     from bench.compare.choosing import has_validation
     from bench.records import load_together
 
-    folders = [runs] if isinstance(runs, str | Path) else runs
     # A job that tables of budgets cannot show must not replace one that they can. `beside`: a job on other data than
     # those of published records stands beside them, instead of raising an error.
-    return load_together(folders, wanted=lambda job: kind not in BY_BUDGET or has_validation(job), beside=True)
+    return load_together(_folders(runs), wanted=lambda job: kind not in BY_BUDGET or has_validation(job), beside=True)
 
 
 def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "Choice | None" = None) -> str:

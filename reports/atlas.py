@@ -55,8 +55,7 @@ class Atlases:
                 self.step += 1
 
     def _truth_shapes(self, material: MaterialRows) -> list[tuple[int, int, int]]:
-        """Of each shown row of a material that has pictures that a WebP can hold: the (n, H, W) of those of the
-        truth."""
+        """The (n, H, W) of the truth's pictures, of each shown row of a material whose pictures a WebP can hold."""
         truth_shapes = []
         for row in material.shown:
             stored = arrays(self.run.folder, row.job, "pictures", names=("truth",))

@@ -99,8 +99,8 @@ class Measure(NamedTuple):
             unranked="unranked in time" if self.timed else unranked,
         )
 
-    def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> "OverSeeds":
-        """The numbers of a cell over the records of the seeds of a codec."""
+    def over_seeds(self, records: Sequence[Mapping[str, Any]]) -> OverSeeds:
+        """The numbers of a cell over the seeds of a codec; each record is as `_values_of_job` makes it."""
         measured = []
         reasons = []  # why the other records have no number
         for record in records:
@@ -143,15 +143,16 @@ class Measure(NamedTuple):
         if self.timed and record["unlike time"] and not isnan(value):
             return nan, NOT_COMPARABLE
         if self.field.startswith("scene/metrics/") and isnan(value) and isinstance(record["scene/name"], str):
-            is_exact = in_decibels(self.field.rpartition("/")[2])  # others lack a pixel whose window the frames hold
+            # A PSNR is missing where there is no error, another metric where no pixel's window lies in a frame.
+            is_exact = in_decibels(self.field.rpartition("/")[2])
             return (inf, "") if is_exact else (nan, NOT_APPLICABLE)
         if self.stated:
             group = self.field.rpartition("/")[0]
             counts = {name: record[f"{group}/{name}"] for name in ("exact", "slices")}
             if all_exact(counts):
                 return inf, ""
-            older = self.field.endswith("/worst")  # which older records lack
-            if isnan(value) and not isnan(counts["slices"]) and not older:
+            may_be_absent = self.field.endswith("/worst")  # older records lack it
+            if isnan(value) and not isnan(counts["slices"]) and not may_be_absent:
                 return nan, NOT_APPLICABLE
         return value, ""
 
@@ -197,10 +198,16 @@ def _unit_and_arrow(metric: MetricFacts) -> str:
 
 
 def _metric(name: str, unit: str, metric: str, group: str, statistic: str = "mean", spread: bool = False) -> Measure:
-    """A metric over a group of pairs; with `spread`, its deviation over slices stands beside it."""
+    """The column of a statistic of a metric over a group of pairs, under the header `name` and `unit`; with `spread`,
+    its deviation over slices stands beside it."""
     field = f"scores/{group}/metrics/{metric}"
     second = f"{field}/std" if spread else ""
-    return Measure(name, unit, f"{field}/{statistic}", 2 if in_decibels(metric) else 3, second, stated=True)
+    return Measure(name, unit, f"{field}/{statistic}", _decimals(metric), second, stated=True)
+
+
+def _decimals(metric: str) -> int:
+    """The decimals with which a metric is shown."""
+    return 2 if in_decibels(metric) else 3
 
 
 def _other_metrics(material: MaterialRows, spread: bool) -> list[Measure]:
@@ -336,8 +343,8 @@ def _scene(material: MaterialRows) -> list[Measure]:
         measures.append(_metric("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
     for name in job["scene"]["metrics"]:
         if not is_relative(name):
-            unit, digits = _unit_and_arrow(facts_of(job, name)), 2 if in_decibels(name) else 3
-            measures.append(Measure(f"frames {label_of(name)}", unit, f"scene/metrics/{name}", digits))
+            unit = _unit_and_arrow(facts_of(job, name))
+            measures.append(Measure(f"frames {label_of(name)}", unit, f"scene/metrics/{name}", _decimals(name)))
     for name in metrics_of(job, "scene"):  # the group of the pairs that the scene uses
         if not is_relative(name):
             unit = _unit_and_arrow(facts_of(job, name))
@@ -375,7 +382,10 @@ def _all_notes(
 
 
 class _Described(NamedTuple):
-    """The tables of a kind: words for their title, their columns, and their notes."""
+    """The tables of a kind: words for their title, their columns, and their notes.
+
+    The functions are called only for materials with a measured row.
+    """
 
     kind: str
     about: str
@@ -414,7 +424,7 @@ def tables(materials: Iterable[MaterialRows], name: str, stale: bool = True) -> 
         measures = measures_of(material) if material.measured else []
         if not measures:
             continue
-        codecs = sorted(material.codecs, key=scene_quality if kind == "scene" else _rank, reverse=True)
+        codecs = sorted(material.codecs, key=scene_quality if kind == "scene" else _whole_first, reverse=True)
         rows = [*rows_of(codecs, measures), *_in_addition(material.measured[0].job, measures)]
         values = pd.DataFrame(rows, dtype=object).drop(columns=[] if stale else "stale")
         columns = [Column("codec", "", "codec"), *_columns_with_numbers(kind, measures, values)]
@@ -466,10 +476,11 @@ def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterato
 
 
 def _values_of_job(row: Row) -> Mapping[str, Any]:
-    """The values of a job by column of the frame, NaN where it has none, and what only these tables have of it."""
+    """The values of a job by column of the frame, NaN where it has none. Added here: the fields `_PERCENT` of errors
+    and `_OTHER_BYTES`, and under "unlike time" whether its time must not be compared."""
     values = {name: value for name, value in row.values.items() if value is not None}
     relative = {name: value for name, value in values.items() if name.endswith("/relative")}
-    percent = {name.replace("relative", _PERCENT): 100 * value for name, value in relative.items()}
+    percent = {name.removesuffix("relative") + _PERCENT: 100 * value for name, value in relative.items()}
     other_bytes = [size for name, size in values.items() if name.startswith("bytes/") and name not in _NAMED_BYTES]
     # A time of another start is shown, with a star; one under other conditions is not.
     unlike_time = bool(row.timing_obstacle) and not row.timed_apart
@@ -496,7 +507,7 @@ def _in_addition(job: Job, measures: Sequence[Measure]) -> Iterator[dict[str, An
         yield empty | {"codec": "black"} | dict.fromkeys(psnr, job["black"])
 
 
-def _rank(codec: CodecRows) -> tuple[bool, float]:
+def _whole_first(codec: CodecRows) -> tuple[bool, float]:
     """The key that sorts a table, the greatest first: whether the codec models the whole material and not a scene, then
     the mean PSNR of its seeds. A codec without any number is the last of the models of whole materials."""
     if not codec.measured:

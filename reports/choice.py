@@ -86,14 +86,16 @@ class Choice:
 
     def of_jobs(self, jobs: Sequence[Job]) -> list[Job]:
         """The jobs of the chosen codecs, of any material. `InputError` for a codec that none has."""
-        chosen = [job for job in jobs if not self.codecs or {*self.codecs} & {*_codec_names(job)}]
+        chosen = [job for job in jobs if self._has_codec(_codec_names(job))]
         self._refuse_absent_codecs(jobs, chosen)
         return chosen
 
     def _chosen(self, material: str, codec_names: Sequence[str]) -> bool:
         """Whether a job of this material, with a codec of these names, is chosen. Where none is given, all are."""
-        if self.materials and material not in self.materials:
-            return False
+        return (not self.materials or material in self.materials) and self._has_codec(codec_names)
+
+    def _has_codec(self, codec_names: Sequence[str]) -> bool:
+        """Whether a codec of these names is chosen, as all are where none is given."""
         return not self.codecs or any(codec in codec_names for codec in self.codecs)
 
     def of_tables(self, tables: Sequence[Table]) -> list[Table]:

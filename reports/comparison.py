@@ -48,12 +48,11 @@ def terminal(comparison: Comparison) -> str:
     """
     # Many rows that the new run never had are one line, so that they do not hide the rows that it has.
     absent = [row for row in comparison.rows if row.why == ABSENT]
+    listed = list(comparison.rows)
+    findings = []
     if len(absent) >= _MANY:
-        listed = [row for row in comparison.rows if row.why != ABSENT]
-        findings = [_absent_line(absent, listed)]
-    else:
-        listed = list(comparison.rows)
-        findings = []
+        listed = [row for row in listed if row.why != ABSENT]
+        findings.append(_absent_line(absent, listed))
 
     tables = []
     for material, rows in grouped(listed, lambda row: row.material).items():

@@ -1,6 +1,7 @@
 """The tables of curves of quality over bytes: differences to `AGAINST`, metrics, footprints, bytes in memory."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from math import isinf, isnan, nan
 from statistics import median
 
@@ -72,7 +73,7 @@ def _differences_to_against(rungs: Rungs) -> Parts:
     ]
     columns = []
     for kind, surfaces in rungs.kinds.items():
-        write = _lead_with_interval(kind, is_single=len(surfaces) == 1)
+        write = partial(_lead_with_interval, kind, len(surfaces) == 1)
         columns.append(Column(f"{kind}, {len(surfaces)}", "dB ↑", kind, write=write))
     columns += [
         Column("all", "dB ↑", "median", signed=True),
@@ -83,20 +84,15 @@ def _differences_to_against(rungs: Rungs) -> Parts:
     return Parts(f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR", values, columns, notes)
 
 
-def _lead_with_interval(kind: str, is_single: bool) -> Callable[[Row], str]:
-    """A function that writes the lead of a row on surfaces of a kind, or on a single one, with its interval."""
-
-    def write(row: Row) -> str:
-        """The lead and its interval: “+0.5 (+0.2 to +1.1)”; a dash without a lead. One surface and one seed do not tell
-        what scatters, so there is no interval."""
-        if isnan(row[kind]):
-            return NONE
-        lead, low, high = row[kind], row[f"{kind} low"], row[f"{kind} high"]
-        if is_single and low == high:
-            return signed(lead, 1)
-        return f"{signed(lead, 1)} ({signed(low, 1)} to {signed(high, 1)})"
-
-    return write
+def _lead_with_interval(kind: str, is_single: bool, row: Row) -> str:
+    """The lead on surfaces of a kind, or on a single one, with its interval: “+0.5 (+0.2 to +1.1)”; a dash without a
+    lead. One surface and one seed do not tell what scatters, so there is no interval."""
+    if isnan(row[kind]):
+        return NONE
+    lead, low, high = row[kind], row[f"{kind} low"], row[f"{kind} high"]
+    if is_single and low == high:
+        return signed(lead, 1)
+    return f"{signed(lead, 1)} ({signed(low, 1)} to {signed(high, 1)})"
 
 
 def _median_rate(rungs: Rungs, line: str) -> float:
@@ -136,16 +132,16 @@ def _three_metrics(rungs: Rungs) -> Parts:
         values[f"{metric.field} place"] = values[metric.field].rank(ascending=metric.field == "flip", method="first")
     values = values.sort_values("psnr", ascending=False, kind="stable")
     columns = [
-        Column("PSNR", "dB ↑", "psnr", ranked=False, write=_with_place("psnr", 1)),
-        Column("SSIM", "↑", "ssim", ranked=False, write=_with_place("ssim", 3)),
-        Column("FLIP", "↓", "flip", ranked=False, write=_with_place("flip", 3)),
+        Column("PSNR", "dB ↑", "psnr", ranked=False, write=partial(_with_place, "psnr", 1)),
+        Column("SSIM", "↑", "ssim", ranked=False, write=partial(_with_place, "ssim", 3)),
+        Column("FLIP", "↓", "flip", ranked=False, write=partial(_with_place, "flip", 3)),
     ]
     return Parts(f"Curves {_size_and_surfaces(rungs)}: three metrics, and the place by each", values, columns, [])
 
 
-def _with_place(field: str, digits: int) -> Callable[[Row], str]:
-    """A function that writes a number of the field with the place by it."""
-    return lambda row: f"{fixed(row[field], digits)} ({row[f'{field} place']:.0f})"
+def _with_place(field: str, digits: int, row: Row) -> str:
+    """A number of the field, with the place by it: “28.6 (2)”."""
+    return f"{fixed(row[field], digits)} ({row[f'{field} place']:.0f})"
 
 
 def _by_footprint(rungs: Rungs) -> Parts:

@@ -7,7 +7,8 @@ Times of queries are multiples of the floor. The *lead* of a line is by how many
 equal bytes.
 """
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import chain
 from math import isnan, log2, nan
 from operator import itemgetter
@@ -81,9 +82,8 @@ def front_table(run: Run) -> Iterator[Table]:
     for leader, names in absent.items():
         notes.append(f"No best is marked on {', '.join(names)} surfaces: {why_absent(leader)}.")
     if EAGER in rungs.times:
-        notes.append(
-            about_times("Time: eager, of the files that PSNR is read off, median over the surfaces with times.")
-        )
+        on_time = "Time: eager, of the files that PSNR is read off, median over the surfaces with times."
+        notes.append(about_times(on_time))
     yield written("front", title, values, columns, [*notes, READ, *common_notes(run, rungs)])
 
 
@@ -134,7 +134,7 @@ def _budgets_parts(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | 
     outdone = _outdone_sizes(readings)
     leader_of = {budget: rungs.absent_leader(budget, surfaces) for budget in readings}
     with_leader = [budget for budget, leader in leader_of.items() if leader]
-    shapes = {rungs.shapes[name] for name in surfaces}
+    shapes = {rungs.shapes[surface] for surface in surfaces}
     columns = [CODEC]
     for budget in readings:
         name = in_words(budget)
@@ -162,7 +162,8 @@ def _budgets_values(rungs: Rungs, surfaces: Sequence[str], readings: Mapping[Bud
         values[[name, f"{name} bound"]] = reading[["value", "bound"]]
         # The test compares rungs, but values at a size are read between rungs. On fewer surfaces it tells nothing.
         is_tested = budget.kind != BYTES and len(surfaces) >= FEWEST
-        values[f"{name} apart"] = values.index.isin(list(rungs.told_apart(budget, surfaces)) if is_tested else [])
+        told_apart = rungs.told_apart(budget, surfaces) if is_tested else ()
+        values[f"{name} apart"] = values.index.isin(list(told_apart))
     # The best first at a size that most codecs reach; ties by the sizes next to it, half of it as near as twice.
     sizes = [budget for budget in readings if budget.kind == BYTES]
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
@@ -244,11 +245,12 @@ def _chosen_table(rungs: Rungs, material: str, notes: Sequence[str]) -> Table:
     for budget in rungs.limits:
         for rung in rungs.picks(budget, [material])[material]:
             budgets_of.setdefault(rung, []).append(budget)
-    values = rungs.frame.loc[list(budgets_of)].assign(codec=lambda rung: rung["line"])
+    chosen = rungs.frame.loc[list(budgets_of)]
+    values = chosen.assign(codec=chosen["line"])
     values["budgets"] = [_span(budgets) for budgets in budgets_of.values()]
     values["stale"] = stale_of(rungs, values["codec"], [material])
-    first_seen, _ = pd.factorize(values["codec"])
-    values = values.iloc[first_seen.argsort(kind="stable")]  # the rungs of a codec stand together
+    numbers, _ = pd.factorize(values["codec"])  # of each rung that of its codec, by first appearance
+    values = values.iloc[numbers.argsort(kind="stable")]  # the rungs of a codec stand together
     columns = [CODEC, Column("rung", "", "setting"), _budgets_column(rungs), _TOTAL]
     columns += [Column("validation", "dB", "validation", 2), *METRICS]
     columns += [Column(kind, unit_of(kind), kind, -3) for kind in rungs.times]
@@ -266,9 +268,8 @@ def _ladders(rungs: Rungs) -> pd.DataFrame:
     for line, of_line in rungs.frame.groupby("line", sort=False):
         ladder_on: dict[str, tuple[tuple[str, int], ...]] = {}  # by surface: the labels with counts of seeds
         for surface, on_surface in of_line.groupby("material", sort=False):
-            ladder_on[str(surface)] = tuple(
-                sorted(zip(on_surface["label"], map(len, on_surface["seeds"]), strict=True))
-            )
+            seeds_of_label = zip(on_surface["label"], map(len, on_surface["seeds"]), strict=True)
+            ladder_on[str(surface)] = tuple(sorted(seeds_of_label))
         for ladder, surfaces in grouped(ladder_on, ladder_on.__getitem__).items():
             of_ladder = of_line[of_line["material"].isin(surfaces)]
             bits = of_ladder.groupby("label")["bits"].median().sort_values()
@@ -291,6 +292,7 @@ def _median_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
         medians = pd.DataFrame({column.field: median_over(rungs.of_picks(picks, column.field)) for column in columns})
         for row in medians.assign(codec=medians.index).to_dict("records"):
             values = [(row[column.field], column.digits) for column in columns]
+            # None for NaN, which is not equal to itself, so that no row would be like another.
             read = tuple(None if isnan(value) else as_read(value, digits) for value, digits in values)
             rows.append({**row, "read": read, "budget": budget})
     for of_line in grouped(rows, itemgetter("codec")).values():
@@ -333,8 +335,8 @@ def when_table(run: Run) -> Iterator[Table]:
         Column("question", "", "question"),
         Column("best", "", "best"),
         Column("then", "", "then"),
-        Column("best", "", "value", write=_with_unit("value")),
-        Column("then", "", "next", write=_with_unit("next")),
+        Column("best", "", "value", write=partial(_with_unit, "value")),
+        Column("then", "", "next", write=partial(_with_unit, "next")),
     ]
     notes = []
     unanswered = [question for question in questions if question.absent]
@@ -346,7 +348,7 @@ def when_table(run: Run) -> Iterator[Table]:
 
 
 def _answer(question: _Question) -> dict[str, Any]:
-    """The values of the row of a question: the best and the next best lines, and the numbers of both."""
+    """The values of the row of a question that has medians: the best and the next best lines, and both numbers."""
     number_of: dict[Any, float] = question.medians.to_dict()
     # By number as it reads: lines with the same are equally good.
     best_first = grouped(number_of, lambda line: as_read(number_of[line], question.metric.digits))
@@ -355,16 +357,11 @@ def _answer(question: _Question) -> dict[str, Any]:
     return row | {"best": _first_lines(best), "then": _first_lines(then), "value": value, "next": next_value}
 
 
-def _with_unit(field: str) -> Callable[[Row], str]:
-    """A function that writes a number of the field as the row's metric does, with its unit."""
-
-    def write(row: Row) -> str:
-        """The number of a row; a dash without one."""
-        if isnan(row[field]):
-            return NONE
-        return f"{fixed(row[field], row['metric'].digits)} {row['metric'].unit}".rstrip()
-
-    return write
+def _with_unit(field: str, row: Row) -> str:
+    """A number of the field as the row's metric has it, with its unit; a dash without one."""
+    if isnan(row[field]):
+        return NONE
+    return f"{fixed(row[field], row['metric'].digits)} {row['metric'].unit}".rstrip()
 
 
 def _first_lines(lines: Sequence[str]) -> str:
@@ -402,7 +399,7 @@ def _questions(rungs: Rungs) -> Iterator[_Question]:
 
 
 def mean_ranks(rungs: Rungs) -> Ranks | None:
-    """The mean ranks of lines within `ENOUGH`; None for fewer than two lines or three surfaces."""
+    """The mean ranks of lines within `ENOUGH`; None for fewer than two lines, or fewer than three surfaces."""
     if not rungs.surfaces:
         return None
     reached = rungs.reached(ENOUGH, list(rungs.surfaces))

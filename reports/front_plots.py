@@ -49,7 +49,7 @@ def _front(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Front:
         kind,
         surfaces,
         _plot("size", f"{kind} surfaces: quality over bytes", by_size, curves, surfaces),
-        _plot("time", f"{kind} surfaces: quality over time", by_time, _steps(rungs, surfaces, curves), surfaces),
+        _plot("time", f"{kind} surfaces: quality over time", by_time, _within_times(rungs, surfaces, curves), surfaces),
     )
 
 
@@ -61,7 +61,7 @@ def _curves(rungs: Rungs, surfaces: Sequence[str]) -> _Curves:
 
 
 def _near(curves: _Curves) -> _Curves:
-    """The curves that come near the best at some size, the highest first."""
+    """The curves that come within `FAR_DB` of the best at some size, the highest first."""
     best = {bits: max(curve.get(bits, 0.0) for curve in curves.values()) for bits in _SIZES}
     near = {}
     for line, curve in curves.items():
@@ -70,8 +70,8 @@ def _near(curves: _Curves) -> _Curves:
     return dict(sorted(near.items(), key=lambda item: -max(item[1].values())))
 
 
-def _steps(rungs: Rungs, surfaces: Sequence[str], lines: Iterable[str]) -> _Curves:
-    """By line, its median PSNR by the time of a budget, where it has a rung within it on each surface."""
+def _within_times(rungs: Rungs, surfaces: Sequence[str], lines: Iterable[str]) -> _Curves:
+    """By line, its median PSNR by the budget of time, × floor, where it has a rung within that on each surface."""
     budgets = [budget for budget in rungs.limits if budget.kind == EAGER]
     psnr_within: dict[float, Any] = {budget.most: rungs.ranked(budget, surfaces).to_dict() for budget in budgets}
     return {line: {most: psnr[line] for most, psnr in psnr_within.items() if line in psnr} for line in lines}

@@ -97,7 +97,7 @@ def _packed_truth(run: Run, material: MaterialRows) -> str:
         return ""
     try:
         truth = Shown("truth", program(path), job["score_key"]["exposure"], _TRUTH)
-        data = model_data(truth, encode=bytes)  # arrays stay bytes, which `pack` takes
+        data = model_data(truth)
     except InputError:
         return ""  # a run's records are worth reading without its bulky parts
     # `half` is the texture of 16-bit floats, here the slices. The WebP takes its place; `white` tells the viewer so.
@@ -143,7 +143,7 @@ def _packed(run: Run, row: Row, room: int) -> str:
         raise InputError(_TOO_LARGE)
     note = f"{row.label}: {row.job['bytes']['total']:,} bytes"
     model = Shown(row.label, program(path), row.job["score_key"]["exposure"], note)
-    packed = pack(model_data(model, encode=bytes))  # arrays stay bytes, which `pack` takes
+    packed = pack(model_data(model))
     if len(packed) > room:
         raise InputError(_TOO_LARGE)
     return packed

@@ -53,10 +53,8 @@ def main_notes(material: MaterialRows) -> list[str]:
 
 
 def quality_notes(material: MaterialRows) -> list[str]:
-    """Footnotes that define the quality columns."""
-    job = material.first
-    if job is None:  # nothing was measured
-        return []
+    """Footnotes that define the quality columns; the material has a measured row."""
+    job = material.measured[0].job
     if material.deciding_group != "heldout":
         pairs = "all pairs, none being held out"
     elif "split" in job:  # which held-out pairs they are: "test" or "validation"
@@ -76,16 +74,13 @@ def recipe_notes(materials: Iterable[MaterialRows]) -> list[str]:
     """The note on what the label of a codec with recipes means, if there is one with its default."""
     settings = [row.job.get("settings", {}) for material in materials for row in material.measured]
     if any(of_job.get("recipe") == "ours" for of_job in settings):
-        return [
-            Note(about_quality("Rows without recipe=paper are fitted by this suite's recipe, not by that of a paper."))
-        ]
+        text = "Rows without recipe=paper are fitted by this suite's recipe, not by that of a paper."
+        return [Note(about_quality(text))]
     return []
 
 
 def cost_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the columns of size and time."""
-    if material.first is None:
-        return []
     bytes_note = Note(
         ("Bytes are those of the whole file", _BYTES.__contains__),
         ("; “other” includes the header", {"other"}.__contains__),
@@ -127,12 +122,16 @@ SCENE_LAST = (
 )
 
 
-def dark_notes(materials: Iterable[MaterialRows]) -> list[str]:
-    """A note on each material that is exposed so badly that black scores well; its decibels say little."""
+def dark_notes(measured: Iterable[MaterialRows]) -> list[str]:
+    """A note on each material that is exposed so badly that black scores well; its decibels say little.
+
+    Each material has a measured row.
+    """
     notes: list[str] = []
-    for material in materials:
-        if material.first is not None and "black" in material.first:
-            score = f"an all-black answer scores {material.first['black']:.1f} dB"
+    for material in measured:
+        job = material.measured[0].job
+        if "black" in job:
+            score = f"an all-black answer scores {job['black']:.1f} dB"
             notes.append(Note(about_quality(f"On {material.name} {score}: nearly all slices are dark.")))
     return notes
 
@@ -325,7 +324,7 @@ def lacking_notes(measured: Sequence[MaterialRows]) -> list[str]:
         labels_on[material.name] = [codec.label for codec in material.codecs if codec.measured and not codec.of_scene]
     labels = dict.fromkeys(chain.from_iterable(labels_on.values()))
     by_lack = grouped(labels, lambda label: tuple(name for name, present in labels_on.items() if label not in present))
-    words = [f"{', '.join(labels)} (not on {', '.join(lacks)})" for lacks, labels in by_lack.items() if lacks]
+    words = [f"{', '.join(alike)} (not on {', '.join(lacks)})" for lacks, alike in by_lack.items() if lacks]
     if not words:
         return []
     return [f"Without means, which would be over fewer materials: {'; '.join(words)}. --material NAME chooses."]

@@ -24,7 +24,7 @@ def fixed(value: float | None, digits: int) -> str:
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """A number with `digits` significant digits, and all of those before its point: 0.00123, 12.3, 1,230, 12,346.
+    """A finite number with `digits` significant digits, and all before its point: 0.00123, 12.3, 1,230, 12,346.
 
     Below 0.00001 and from 10,000,000 on it has an exponent, 1.23e+07; None is a dash.
     """
@@ -38,7 +38,8 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 
 def _decimals(value: float, digits: int) -> int:
-    """The decimals with which a number has so many significant digits: at least 0 below 10,000,000."""
+    """The decimals with which a finite number has so many significant digits: at least 0 below 10,000,000, where
+    `significant` writes all digits before the point."""
     exponent = int(f"{value:.{digits - 1}e}".rpartition("e")[2])  # of ten, after rounding: 9.996 to 3 digits is 1e1
     return digits - 1 - exponent if abs(value) >= 1e7 else max(0, digits - 1 - exponent)
 

@@ -51,14 +51,14 @@ def lead_cell(row: Row) -> str:
     if isnan(row["median"]):
         # `AGAINST` has no lead over itself; any other line shares no bytes with it.
         return "" if row["codec"] == AGAINST else NONE
-    return signed(row["median"], 1) + "°" * row["single"]
+    return signed(row["median"], 1) + ("°" if row["single"] else "")
 
 
 def interval_cell(row: Row) -> str:
     """The interval of a lead, with a star if it tells the two apart; "" without a lead."""
     if isnan(row["median"]):
         return ""
-    return f"{signed(row['low'], 1)} to {signed(row['high'], 1)}{'*' * row['apart']}"
+    return f"{signed(row['low'], 1)} to {signed(row['high'], 1)}{'*' if row['apart'] else ''}"
 
 
 def won_cell(row: Row) -> str:
@@ -80,12 +80,13 @@ def lead_notes(values: pd.DataFrame) -> Iterator[str]:
 
 
 def why_absent(leader: str) -> str:
-    """Why no line is marked as the best where `leader` has a value on some surfaces alone."""
+    """The end of a sentence: why no line is marked as the best where `leader` has a value on some surfaces alone."""
     return f"{leader} leads on the surfaces where its curve reaches that size"
 
 
 def stale_of(rungs: Rungs, lines: Iterable[str], surfaces: Sequence[str] = ()) -> list[bool]:
-    """Of each line whether numbers, on some surfaces or on all, cannot be made again by the installed version."""
+    """Of each line, whether the installed version cannot make some numbers on these surfaces again; without any, on
+    all surfaces."""
     stale = {line for line, surface in rungs.stale if surface in (surfaces or rungs.surfaces)}
     return [line in stale for line in lines]
 

@@ -298,7 +298,6 @@ class PageRecords:
     """
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows]):
-        self.run = run
         self.records: list[Any] = list(run.starts[-1:])
         self.places: dict[tuple[str, str], str] = {}  # by material and label: a link to the element
         self.names: list[tuple[str, str, str]] = []  # of each element: its id, its title, and the fit in words

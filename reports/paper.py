@@ -9,7 +9,7 @@ The *family* of a metric is its name without its variant: `ssim` of `ssim_period
 each material of the paper the *nearest* one that anyone can get.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from math import isnan, nan
@@ -75,8 +75,8 @@ def paper_tables(
     numbers = numbers[is_available]
     if numbers.empty and not missing:
         return []
-    full_table = _full_table(numbers, missing) if whole else None
-    return [_short_table(numbers, missing), *([full_table] if full_table else [])]
+    tables = [_short_table(numbers, missing), _full_table(numbers, missing) if whole else None]
+    return [table for table in tables if table]
 
 
 def _short_table(numbers: pd.DataFrame, missing: Mapping[str, str]) -> Table:
@@ -309,9 +309,7 @@ def ablation_table(run: Run) -> Table | None:
     columns += [Column("decoder", "param.", "parameters", 0), Column("a sample", "FLOP", "flops", 0)]
     for material in materials:
         columns.append(Column(material, "dB ↑", f"{material} psnr", 2, ranked=False))
-        columns.append(
-            Column("against as it is", "dB", f"{material} gain", 2, signed=True, write=_write_gain(material))
-        )
+        columns.append(Column("against as it is", "dB", f"{material} gain", write=partial(_gain_cell, material)))
         columns.append(Column(material, "SSIM ↑", f"{material} ssim", 3, ranked=False))
     notes = [
         "dB: mean display PSNR of validation pairs; no test pair is among them.",
@@ -355,15 +353,10 @@ def _ablation_rows(of_suite: Sequence[Job], materials: Sequence[str], stale: set
         yield row
 
 
-def _write_gain(material: str) -> Callable[[Row], str]:
-    """A function that writes the gain of a row on a material; "" without one."""
-
-    def write(row: Row) -> str:
-        """The gain in dB with its sign."""
-        gain = row[f"{material} gain"]
-        return "" if isnan(gain) else signed(gain)
-
-    return write
+def _gain_cell(material: str, row: Row) -> str:
+    """The gain of a row on a material in dB, with its sign; "" without one."""
+    gain = row[f"{material} gain"]
+    return "" if isnan(gain) else signed(gain)
 
 
 def _mean_over_seeds(jobs: Iterable[Job], material: str, label: str, family: str) -> float:

@@ -5,7 +5,8 @@ Garces: "NeuBTF", Computers & Graphics 114 (2023); the others follow from the la
 code.
 """
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from functools import partial
 from math import nan
 from typing import Any, NamedTuple, cast
 
@@ -76,7 +77,7 @@ def parameters_table(jobs: Iterable[TimedJob], choice: Choice | None = None) -> 
     columns = [Column("method", "", "method"), Column("codec", "", "codec")]
     for quantity in ("param.", "channels"):
         columns += [Column(quantity, "ours", f"{quantity} ours", 0), Column(quantity, "paper", f"{quantity} paper", 0)]
-        columns.append(Column(quantity, "diff.", f"{quantity} difference", 0, write=_write_difference(quantity)))
+        columns.append(Column(quantity, "diff.", f"{quantity} difference", write=partial(_difference_cell, quantity)))
     notes = _notes_on_counts(counted, methods={PUBLISHED[job["codec"]].method for job in _finished(all_jobs)})
     if any(job.get("ns") for job in counted):  # the times stand to the right of the counts
         columns += _time_columns(gpus)
@@ -117,7 +118,9 @@ def _notes_on_counts(counted: Iterable[TimedJob], methods: Collection[str]) -> l
         "Ours: counted by torchinfo in what a codec file decodes to. Channels and inputs: docs/metrics.md, “Tables”."
     ]
     if any("run" not in job for job in counted):
-        notes += ["recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."]
+        notes.append(
+            "recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."
+        )
     absent = dict.fromkeys(paper.method for paper in PUBLISHED.values() if paper.method not in methods)
     if absent:
         notes.append(f"{NONE} {', '.join(absent)}: no codec of this method was measured.")
@@ -162,15 +165,10 @@ def _ours_and_published(quantity: str, ours: int, published: int) -> dict[str, i
     return {f"{quantity} ours": ours, f"{quantity} paper": published, f"{quantity} difference": ours - published}
 
 
-def _write_difference(quantity: str) -> Callable[[Row], str]:
-    """A function that writes the difference of a quantity with its sign."""
-
-    def write(row: Row) -> str:
-        """The difference of a row; 0 has no sign."""
-        difference = row[f"{quantity} difference"]
-        return f"{difference:+,}" if difference else "0"
-
-    return write
+def _difference_cell(quantity: str, row: Row) -> str:
+    """The difference of a quantity with its sign; 0 has none."""
+    difference = row[f"{quantity} difference"]
+    return f"{difference:+,}" if difference else "0"
 
 
 def _published(job: Job) -> Published:

@@ -64,7 +64,8 @@ ENOUGH = Budget(BYTES, 32)  # the budget of ranks, and for questions about a sin
 
 
 class Hull(NamedTuple):
-    """A curve by its rungs: log2 of bits a texel, which ascend, and the rungs by number; the last may stand twice."""
+    """A curve by its rungs: log2 of bits a texel, which ascend, and the rungs by number; where it goes on level at its
+    end, the last stands twice."""
 
     sizes: list[float]
     rungs: list[int]
@@ -137,7 +138,7 @@ class Rungs:
         return {kind: by_kind[kind] for kind in sorted(by_kind, key=kind_order)}
 
     def over_memory(self) -> "Rungs":
-        """The same rungs with curves over the bits a texel that a decoder takes in memory; without those not known."""
+        """The rungs whose bytes in memory are known, with curves over these, as bits a texel."""
         frame = self.frame[self.frame["resident"].notna()].reset_index(drop=True)
         bits = 8 * frame["resident"] / (frame["height"] * frame["width"])
         return replace(self, frame=frame.assign(bits=bits))
@@ -187,7 +188,7 @@ class Rungs:
         return None if np.isnan(values).any() else Curve(hull.sizes, values.tolist())
 
     def read(self, bits: float, score: str = "psnr", to_end: bool = False) -> pd.DataFrame:
-        """What lines with curves have at a size, by line and surface.
+        """A score of lines with curves at a size in bits a texel, by line and surface; NaN beyond a curve.
 
         With `to_end`, a curve that ends below the size counts by its end: a smaller file meets a larger limit, too.
         """
@@ -355,7 +356,10 @@ def summarised(gaps: Mapping[str, Sequence[float]]) -> Summary:
 
 
 def _drawn(seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> np.ndarray:
-    """The mean of each rung over drawn seeds, (`DRAWS`, rungs): as many as it has, drawn with replacement."""
+    """The mean of each rung over drawn seeds, (`DRAWS`, rungs): as many as it has, drawn with replacement.
+
+    `seeds` has the PSNR of each seed by rung; some rung must have several.
+    """
     counts = np.array([len(of_rung) for of_rung in seeds])
     several = counts[counts > 1]  # a rung with one seed has nothing to draw
     numbers = rng.integers(0, np.repeat(several, several), (DRAWS, several.sum()))  # of drawn seeds within their rung
@@ -370,7 +374,8 @@ def _drawn(seeds: Sequence[Sequence[float]], rng: np.random.Generator) -> np.nda
 def _weights(ours: Hull, theirs: Hull) -> np.ndarray:
     """The weight of each rung of two hulls in their BD-PSNR, (rungs,), ours first.
 
-    BD-PSNR is linear in the values of curves, so a weight is that of curves with the value 1 at the rung alone.
+    BD-PSNR is linear in the values of curves, so the weight of a rung is the BD-PSNR of curves that are 1 at this rung
+    and 0 at all others.
     """
     weights = [bd_psnr(_one_at(ours, rung), _one_at(theirs)) for rung in ours.once]
     weights += [bd_psnr(_one_at(ours), _one_at(theirs, rung)) for rung in theirs.once]

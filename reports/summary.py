@@ -185,7 +185,6 @@ def _differences(
     codec = codecs.get(against.first, "")  # there is none if no codec has a rank
     several = [*codecs.values()].count(codec) > 1
     column_for_each = 1 < len(materials) < MANY  # whether each material has a column of its own
-    # A row has no difference to itself, nor where it cannot be compared.
     of_columns = {"against": against.over}
     unit = OfData(against.first if several else codec)
     columns = [Column("against", unit, "against", write=partial(_with_interval, "against"))]
@@ -199,7 +198,7 @@ def _differences(
     for label in labels:
         row: dict[str, Any] = {}
         for field, differences in of_columns.items():
-            difference = differences.get(label)
+            difference = differences.get(label)  # none to itself, nor where it cannot be compared
             row[field] = difference.mean if difference else nan
             row[_INTERVAL.format(field)] = difference
         row["told apart"] = label in against.over and against.over[label].apart

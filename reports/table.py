@@ -131,13 +131,13 @@ class Table:
         short = {label: " ".join(word for word in label.split() if word not in common) for label in labels}
         rows = [[*row[:column], short[row[column]], *row[column + 1 :]] for row in self.rows]
         # Notes name a stale label without its mark.
-        short = {label.removesuffix(STALE): text.removesuffix(STALE) for label, text in short.items()}
-        longest_first = sorted(short, key=len, reverse=True)  # a label may begin with another one
+        in_notes = {label.removesuffix(STALE): cut.removesuffix(STALE) for label, cut in short.items()}
+        longest_first = sorted(in_notes, key=len, reverse=True)  # a label may begin with another one
         notes = []
         for note in self.notes:
             text = str(note)
             for label in longest_first:
-                text = text.replace(label, short[label])
+                text = text.replace(label, in_notes[label])
             notes.append(text)
         return replace(self, rows=rows, notes=[*notes, f"In every row: {' '.join(common)}."])
 

@@ -45,7 +45,7 @@ def all_tables(
     makers = dict(_OF_KIND)
     makers["summary"] = lambda run, rows: [summary_table(run, rows, against=against)]
     makers["paper"] = lambda run, rows: paper_tables(run, rows, absent, whole)
-    makers["trade"] = _of_trade(whole)
+    makers["trade"] = lambda run, _: [*trade_tables(run, whole), *variant_tables(run, "trade")]
     if narrow:
         makers["main"] = lambda run, rows: [*_by_material("quality")(run, rows), *_by_material("cost")(run, rows)]
     tables: list[Table] = []
@@ -82,11 +82,6 @@ def _by_budget(kind: str) -> Maker:
 def _by_material(kind: str) -> Maker:
     """A maker of a table for each material that was measured; see `reports.by_material.tables`."""
     return lambda _, rows: by_material.tables(rows, kind)
-
-
-def _of_trade(whole: bool) -> Maker:
-    """A maker of the tables of `neubtf-bench trade`; for `whole` see `reports.trade.trade_tables`."""
-    return lambda run, _: [*trade_tables(run, whole), *variant_tables(run, "trade")]
 
 
 _OF_KIND: dict[str, Maker] = {

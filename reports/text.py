@@ -93,8 +93,7 @@ def _printable(table: Table) -> Table:
 
 def _plain(table: Table) -> str:
     """One table for a terminal: title, headers, cells and notes; words are aligned left, and numbers right."""
-    # Lines of the terminal, each a tuple with the text of every column: those of the headers, then those of the rows.
-    body: list[tuple[str, ...]] = []
+    body: list[tuple[str, ...]] = []  # the lines of the rows, each with the text of every column
     for row in table.rows:
         body += _folded(row, table)
     lines_of_headers: list[list[str]] = []  # of each column: its name, then its unit, both folded between words
@@ -103,15 +102,15 @@ def _plain(table: Table) -> str:
         lines_of_name = textwrap.wrap(name, max(NAME_WIDTH, widest_cell), break_long_words=False)
         lines_of_unit = textwrap.wrap(unit, max(UNIT_WIDTH, widest_cell), break_long_words=False)
         lines_of_headers.append([*lines_of_name, *lines_of_unit])
-    top = list(zip_longest(*lines_of_headers, fillvalue=""))
+    top = list(zip_longest(*lines_of_headers, fillvalue=""))  # the lines of the headers, as those of `body`
     widths = [max(map(_width, column)) for column in zip(*top, *body, strict=True)]
     rule = ["-" * width for width in widths]
     lines = []
     for cells in (*top, rule, *body):
         padded = []
-        for column, (cell, width) in enumerate(zip(cells, widths, strict=True)):
+        for place, (cell, width) in enumerate(zip(cells, widths, strict=True)):
             gap = " " * (width - _width(cell))
-            padded.append(cell + gap if column < table.words else gap + cell)
+            padded.append(cell + gap if place < table.words else gap + cell)
         lines.append("  ".join(padded).rstrip())
     return "\n".join([table.title, "", *lines, *map(wrapped, table.notes)])
 

@@ -6,8 +6,9 @@ timed in turns with the floor, in *rounds*; `rounds` has the time as a multiple 
 The *limit* is the time of the arithmetic, or of the reads, at the machine's measured rates.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from math import isnan, nan
 from operator import itemgetter
@@ -92,7 +93,8 @@ def _variants_table(run: Run, timings: list[Timing]) -> Iterator[Table]:
             row[f"{variant} off"] = timing.get("of_tolerance", 0.0) > 1  # of what is allowed from float64
         rows.append(row)
     columns = [Column("setting", "", "setting")]
-    columns += [Column(variant, "ns, % of limit", variant, -3, write=_time_and_limit(variant)) for variant in variants]
+    for variant in variants:
+        columns.append(Column(variant, "ns, % of limit", variant, write=partial(_time_and_limit, variant)))
     shared_by_all = _conditions(run, in_usual_batch[0], variant="each variant")
     note = (
         "ns a sample, and the time that arithmetic or reads take at the machine's measured rates, as a share of it. "
@@ -104,12 +106,14 @@ def _variants_table(run: Run, timings: list[Timing]) -> Iterator[Table]:
 
 def _gpu_table(timings: list[Timing]) -> Iterator[Table]:
     """A table of bytes read, memory and energy, with a row a setting, execution and precision; none without a GPU."""
-    on_gpu = [timing for timing in timings if "read_bytes" in timing]
-    in_usual_batch = [timing for timing in on_gpu if timing["batch"] == usual_batch(timings)]
-    if not in_usual_batch:
+    if not timings:
+        return
+    usual = usual_batch(timings)
+    on_gpu = [timing for timing in timings if "read_bytes" in timing and timing["batch"] == usual]
+    if not on_gpu:
         return
     rows = []
-    for timing in in_usual_batch:
+    for timing in on_gpu:
         ns = timing["ns_per_sample"]
         row: dict[str, Any] = {"setting": _without_steps(timing["label"]), "variant": variant_of(timing)}
         row["rate"] = timing["read_bytes"] / ns  # bytes a ns are gigabytes a second
@@ -134,18 +138,14 @@ def _without_steps(label: str) -> str:
     return " ".join(word for word in label.split() if not word.startswith("steps="))
 
 
-def _time_and_limit(variant: str) -> Callable[[Row], str]:
-    """A function that writes ns a sample in a variant, and how many per cent of this time the machine's limit is; “!”
-    after the time if the answers are off: “12.3!, 45”."""
-
-    def write(row: Row) -> str:
-        """The cell of a row; a dash without a time."""
-        if isnan(row[variant]):
-            return NONE
-        percent = 100 * row[f"{variant} limit"] / row[variant]
-        return f"{significant(row[variant])}{'!' * row[f'{variant} off']}, {significant(percent, 2)}"
-
-    return write
+def _time_and_limit(variant: str, row: Row) -> str:
+    """The ns of a sample in a variant, and how many per cent of this time the machine's limit is; “!” after the time if
+    the answers are off: “12.3!, 45”. A dash without a time."""
+    if isnan(row[variant]):
+        return NONE
+    percent = 100 * row[f"{variant} limit"] / row[variant]
+    mark = "!" if row[f"{variant} off"] else ""
+    return f"{significant(row[variant])}{mark}, {significant(percent, 2)}"
 
 
 def _batches_table(timings: list[Timing]) -> Iterator[Table]:

@@ -65,14 +65,14 @@ class Column(NamedTuple):
         beside = ""
         if self.beside and not pd.isna(row[self.beside]):
             digits = self.digits if self.beside_digits is None else self.beside_digits
-            beside = self.pair.format(self._replace(digits=digits)._number(row[self.beside]))
-        return before + self._number(value) + beside + after
+            beside = self.pair.format(self._number(row[self.beside], digits))
+        return before + self._number(value, self.digits) + beside + after
 
-    def _number(self, value: float) -> str:
-        """A finite number with the digits, and the sign, of this column."""
-        if self.digits < 0:
-            return significant(value, -self.digits)
-        return signed(value, self.digits) if self.signed else fixed(value, self.digits)
+    def _number(self, value: float, digits: int) -> str:
+        """A finite number with `digits`, as the field of this name has them, and a sign if the column is `signed`."""
+        if digits < 0:
+            return significant(value, -digits)
+        return signed(value, digits) if self.signed else fixed(value, digits)
 
 
 def written(

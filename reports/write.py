@@ -71,8 +71,8 @@ class _ReportFolder:
         if self.run.choices:
             self.files.append(put(folder / "trade.csv", raw(self.run, "trade").encode()))
         for kind in KINDS:
-            for suffix, as_text, all_kinds in ((".md", markdown, tables), (".tex", latex, narrow)):
-                tables_of_kind = [table for table in all_kinds if table.kind == kind]
+            for suffix, as_text, candidates in ((".md", markdown, tables), (".tex", latex, narrow)):
+                tables_of_kind = [table for table in candidates if table.kind == kind]
                 if tables_of_kind:
                     self.files.append(put(folder / f"{kind}{suffix}", as_text(tables_of_kind).encode()))
 

@@ -109,9 +109,8 @@ class Board:
         """A row a material: the kinds of its truth, and the sources that have it."""
         rows = []
         for name, sources in by_material(self.sources).items():
-            # Of several sources that have the material, the first says what kind its truth is.
-            titles = ", ".join(source.title for source in sources)
-            rows.append([name, ", ".join(_kinds(sources[0], name)), titles])
+            kinds = ", ".join(_kinds(sources[0], name))  # as the first of several sources has them
+            rows.append([name, kinds, ", ".join(source.title for source in sources)])
         return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
 
     def _codecs_table(self) -> Table:
@@ -188,9 +187,8 @@ class MaterialPage(Page):
 
     def links(self) -> list[tuple[str, str]]:
         """The front, and the contents of the page, a section a source: the target of each link, and its text."""
-        links = [(FRONT, "All results")]
-        links += [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
-        return links
+        of_sources = [(f"#m{number}", material.name) for number, material in enumerate(self.materials)]
+        return [(FRONT, "All results"), *of_sources]
 
     def codecs(self) -> list[tuple[str, str]]:
         """Links to the codecs that have a row here: the page of each, and its name."""

@@ -69,7 +69,8 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
 
 
 def _draw_slices(sheet: Sheet, pictures: Arrays, flip: dict[int, float], top: int, factor: int) -> None:
-    """Draw a codec's slices and FLIP maps with their means, `flip` by pair, from `top` in pixels down."""
+    """Draw a codec's slices and FLIP maps with their means, `flip` by pair, from `top` in pixels down; a texel is
+    `factor` pixels a side."""
     _, height, width = pictures["decoded"].shape[:3]
     cell_width = width * factor
     for place, decoded in enumerate(pictures["decoded"]):

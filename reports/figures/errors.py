@@ -156,7 +156,7 @@ def _disc(stored: dict[str, Any], scale: Normalize) -> np.ndarray:
 
 @of_each_material
 def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
-    """Display PSNR over rings of 15° in θ_o and in θ_i, of the pairs that decide; of a ring from its mean error.
+    """Display PSNR over rings of 15° in θ_o and in θ_i, of the pairs that decide: that of a ring's mean squared error.
 
     None if no codec has stored the errors of its slices.
     """

@@ -26,7 +26,6 @@ _TOP = 52
 _LINE = 16  # channels a line
 _MOST = 48  # channels shown of a codec
 
-
 Textures = list[np.ndarray]  # of one program, (H, W, channels) each
 
 
@@ -38,31 +37,31 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
     """
     blocks = []  # of each codec: its label, its channels in words, and their pictures (n, h, w)
     for row in material.shown:
-        of_job = _textures_of_job(run, row.job)
-        if of_job:
-            blocks.append((row.label, _channels_in_words(of_job), _cells(np.concatenate(of_job, -1))))
+        found = _textures_of_job(run, row.job)
+        if found:
+            blocks.append((row.label, _channels_in_words(found), _cells(np.concatenate(found, -1))))
     if not blocks:
         return None
     title = f"{material.name}: channels of each codec's texture"
     cell = max(max(cells.shape[1:]) for _, _, cells in blocks) + _GAP  # all have the room of the largest
-    lines = sum(_lines(cells) for _, _, cells in blocks)
+    lines = sum(_line_count(cells) for _, _, cells in blocks)
     sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + lines * (cell + _GAP))
     sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
     sheet.text(_GAP, 34, "each channel at mean 0 and variance 1, through a sigmoid: black to white", color="0.35")
     top = _TOP
-    for label, count, cells in blocks:
+    for label, channels_in_words, cells in blocks:
         sheet.text(_GAP, top + 12, short(label, 40))
-        sheet.text(_GAP, top + 28, count, color="0.35")
+        sheet.text(_GAP, top + 28, channels_in_words, color="0.35")
         for number, picture in enumerate(cells):
             line, column = divmod(number, _LINE)
             grey = picture[..., None].repeat(3, axis=-1)  # (h, w, 3)
             sheet.picture(_LEFT + column * cell, top + line * cell, grey)
-        top += _lines(cells) * (cell + _GAP)
+        top += _line_count(cells) * (cell + _GAP)
     return Figure(material.name, "latents", title, sheet.png("L"), sheet)
 
 
-def _lines(cells: np.ndarray) -> int:
-    """The lines that the pictures (n, h, w) of a codec's channels take."""
+def _line_count(cells: np.ndarray) -> int:
+    """How many lines the pictures (n, h, w) of a codec's channels take."""
     return math.ceil(len(cells) / _LINE)
 
 

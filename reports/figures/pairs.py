@@ -107,22 +107,30 @@ def _sheet(
     for column, label in enumerate(["truth", *(row.label for row, _ in rows)]):
         middle = column * (cell_width + GAP) + cell_width / 2
         sheet.text(middle, TOP / 2, short(label, cell_width // LETTER), ha="center", fontsize=10)
+    errors = [scores_by_pair(run, row.job, PSNR) for row, _ in rows]
     for number, place in enumerate(places):
         zoomed = inset or _worst_square(rows, place, (height, width))
         if zoomed:
             _require_within(zoomed, (height, width))
-        _draw_pair(sheet, run, rows, place, TOP + number * block, zoomed, factor)
+        _draw_pair(sheet, rows, errors, place, TOP + number * block, zoomed, factor)
         if number == 0 and _all_have_flip(rows):  # below the first truth, which has no FLIP map
             flip_scale(sheet, left=0, middle=TOP + LINE + cell_height + cell_height // 2, width=cell_width)
     return sheet
 
 
 def _draw_pair(
-    sheet: Sheet, run: Run, rows: list[tuple[Row, Arrays]], place: int, top: int, inset: Inset | None, factor: int
+    sheet: Sheet,
+    rows: list[tuple[Row, Arrays]],
+    errors: list[dict[int, float]],
+    place: int,
+    top: int,
+    inset: Inset | None,
+    factor: int,
 ) -> None:
     """Draw all that is shown of one pair, from `top` in pixels down: a line of text, its pictures, their FLIP maps.
 
-    `place` is that of the slice in the stored arrays of `rows`. A texel is `factor` pixels a side.
+    `place` is that of the slice in the stored arrays of `rows`; `errors` has the mean squared errors of each row by
+    pair. A texel is `factor` pixels a side.
     """
     _, first = rows[0]
     view = angles_in_words("view", first["wo_deg"][place])
@@ -132,10 +140,11 @@ def _draw_pair(
     sheet.picture(0, top + LINE, _with_inset(truth, inset, factor))
     cell_height = truth.shape[0] * factor
     cell_width = truth.shape[1] * factor
-    for column, (row, stored) in enumerate(rows, 1):  # after that of the truth
+    pair = int(first["pairs"][place])  # the same of all rows
+    for column, (_, stored) in enumerate(rows, 1):  # after that of the truth
         left = column * (cell_width + GAP)
         sheet.picture(left, top + LINE, _with_inset(stored["decoded"][place], inset, factor))
-        decibels = _decibels(run, row, int(stored["pairs"][place]))
+        decibels = _decibels(errors[column - 1].get(pair))
         sheet.text(left + cell_width, top + LINE / 2, decibels, ha="right")
         if _all_have_flip(rows):
             below = top + LINE + cell_height + GAP // 2
@@ -196,7 +205,8 @@ def _with_inset(picture: np.ndarray, inset: Inset | None, factor: int) -> np.nda
 
 
 def framed(picture: np.ndarray, top: int, left: int, side: int) -> None:
-    """Draw the frame of a square into a picture (H, W, 3), changing it. The frame lies within the square."""
+    """Draw the frame of a square into a picture (H, W, 3), changing it. The frame lies within the square, whose upper
+    left corner and `side` are in pixels."""
     bottom, right = top + side, left + side
     picture[top : top + BORDER, left:right] = FRAME
     picture[bottom - BORDER : bottom, left:right] = FRAME
@@ -204,12 +214,8 @@ def framed(picture: np.ndarray, top: int, left: int, side: int) -> None:
     picture[top:bottom, right - BORDER : right] = FRAME
 
 
-def _decibels(run: Run, row: Row, pair: int) -> str:
-    """The display PSNR of one slice as text, from the stored errors; "exact" without error, "" if it is not known.
-
-    `pair` is the slice's pair in the BTF.
-    """
-    error = scores_by_pair(run, row.job, PSNR).get(pair)
+def _decibels(error: float | None) -> str:
+    """The display PSNR of a slice of this mean squared error as text; "exact" without error, "" if it is not known."""
     if error is None:
         return ""
     if error == 0:

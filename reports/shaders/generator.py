@@ -49,9 +49,9 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     """
     tables = Tables()
     if weights is None:
-        weights = "literal" if _weights(program) <= LITERALS else "texture"
-    kind = CooperativeWriter if dialect is SLANG else Writer
-    writer = kind(dialect, tables, weights)
+        weights = "literal" if _weight_count(program) <= LITERALS else "texture"
+    writer_class = CooperativeWriter if dialect is SLANG else Writer
+    writer = writer_class(dialect, tables, weights)
     writer.check(program)
     inputs = {
         "uv": ["uv.x", "uv.y"],
@@ -82,7 +82,7 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
 def fallback(program: Program, dialect: Dialect) -> Shader | None:
     """The shader for compilers that cannot handle literals: with its weights in a uniform buffer or, if they are too
     many for that, in the texture. None if the usual shader has no weights as literals."""
-    if not 0 < _weights(program) <= LITERALS:
+    if not 0 < _weight_count(program) <= LITERALS:
         return None
     try:
         return shader(program, dialect, "uniform")
@@ -90,7 +90,7 @@ def fallback(program: Program, dialect: Dialect) -> Shader | None:
         return shader(program, dialect, "texture")
 
 
-def _weights(program: Program) -> int:
+def _weight_count(program: Program) -> int:
     """How many floats the constant matrices and biases of a program's matrix products have."""
     count = 0
     for step in program.steps:

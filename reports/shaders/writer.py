@@ -231,6 +231,7 @@ class Writer(Backend):
         return [self.name("float", f"{a} + {self._float(b)}") for a, b in zip(totals, bias, strict=True)]
 
     def _float(self, value: Scalar) -> str:
+        """A number or an expression as the text of a float."""
         return self.scalar(value, "float")
 
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[str]:

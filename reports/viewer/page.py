@@ -8,7 +8,7 @@ import base64
 import dataclasses
 import json
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import NamedTuple
@@ -49,20 +49,20 @@ class Shown:
     slices: bool = False  # whether its table of halves holds slices, which take far more than anything else
 
 
-def model_data(model: Shown, encode: Callable[[bytes], object]) -> dict[str, object]:
-    """What the page needs of a model, by the names that its script uses, as JSON can hold it if `encode` makes text.
+def model_data(model: Shown) -> dict[str, object]:
+    """What the page needs of a model, by the names that its script uses, for `pack`: arrays are `bytes` objects.
 
-    `encode` takes the bytes of each array. `InputError` where no shader can do its program.
+    `InputError` where no shader can do its program.
     """
     full = shader(model.program, GLSL)
     if model.slices:
         full = dataclasses.replace(full, half=_rounded(full.half))
     spare = fallback(model.program, GLSL)
     data: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure}
-    data |= {"periods": model.program.periods, **_encoded(full, encode)}
+    data |= {"periods": model.program.periods, **_source_and_arrays(full)}
     if spare:  # for compilers that choke on literals
         # Only what differs, so that textures that are the same are not written twice.
-        data["fallback"] = {key: value for key, value in _encoded(spare, encode).items() if data[key] != value}
+        data["fallback"] = {key: value for key, value in _source_and_arrays(spare).items() if data[key] != value}
     return data
 
 
@@ -74,12 +74,10 @@ def _rounded(half: np.ndarray) -> np.ndarray:
     return kept.astype(np.uint16).view(np.float16)
 
 
-def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, object]:
-    """The text of a shader, and the bytes of its two textures and its uniforms, each encoded."""
-    data: dict[str, object] = {"shader": source.text}
-    for name, array in (("exact", source.exact), ("half", source.half), ("uniforms", source.uniforms)):
-        data[name] = encode(array.tobytes())
-    return data
+def _source_and_arrays(source: Shader) -> dict[str, object]:
+    """The text of a shader, and the bytes of its two textures and its uniforms."""
+    arrays = {"exact": source.exact, "half": source.half, "uniforms": source.uniforms}
+    return {"shader": source.text, **{name: array.tobytes() for name, array in arrays.items()}}
 
 
 class Data(NamedTuple):
@@ -111,8 +109,7 @@ def unpacked() -> str:
 def page(title: str, models: Sequence[Shown]) -> str:
     """The HTML of a whole page with these materials. `InputError` if no shader can compute a program."""
     css, script = fragment()
-    drawn = [model_data(model, encode=bytes) for model in models]  # arrays stay bytes, which `pack` takes
-    data = Data("models", pack({"width": WIDTH, "models": drawn}), "text/plain")
+    data = Data("models", pack({"width": WIDTH, "models": list(map(model_data, models))}), "text/plain")
     styles = [STYLE + css]
     scripts = [unpacked() + script + START]
     return TEMPLATES.get_template("view.html").render(title=title, styles=styles, scripts=scripts, data=[data])

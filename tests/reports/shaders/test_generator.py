@@ -220,7 +220,7 @@ def test_a_constant_and_a_black_material_are_drawn(codec: str, level: float, tmp
     encode(btf, kind(**settings), tmp_path / "flat.nbtf")
     material = load(tmp_path / "flat.nbtf")
     program = stored(material, tmp_path)
-    pack(model_data(Shown(codec, program, 1.0, ""), bytes))
+    pack(model_data(Shown(codec, program, 1.0, "")))
     for language in DIALECTS:
         export(program, "flat", language, tmp_path / language, codec, NO_VECTORS)
     query = np.array([0.3, 0.7], np.float32), *(np.array(w, np.float32) for w in ([0, 0.6, 0.8], [0.6, 0, 0.8]))
