@@ -314,7 +314,7 @@ def _pairs_nearest_normal(index: Array, side: Array, other: Array) -> list[int]:
 def _power(cos: Array, medians: Array) -> float | None:
     """The power of cos θ (n,) with which the medians (n,) of slices fall; None for few slices or too similar angles.
 
-    It is the slope of a line through their logarithms.
+    It is the slope of a line through their logarithms, so each cos θ must be above 0.
     """
     lit = medians > 0  # a median of 0 has no logarithm
     if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:

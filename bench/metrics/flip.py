@@ -134,8 +134,8 @@ def _separable(plane: Array, down: Array, across: Array, mode: str) -> Array:
 
 def _weighted_sum(plane: Array, terms: tuple[tuple[float, Array], ...], mode: str) -> Array:
     """A plane (..., H, W) under a sum of separable filters, each a weight and the kernel of both axes."""
-    (weight, kernel), *others = terms
-    total = weight * _separable(plane, kernel, kernel, mode)
+    (first_weight, first_kernel), *others = terms
+    total = first_weight * _separable(plane, first_kernel, first_kernel, mode)
     for weight, kernel in others:
         total += weight * _separable(plane, kernel, kernel, mode)
     return total

@@ -95,7 +95,7 @@ class HeightField:
         return hit_height
 
     def offset(self, direction: Array) -> tuple[float, float]:
-        """(rows, columns) of the grid that a ray along `direction` crosses while it rises by one unit of height."""
+        """(rows, columns) of the grid that a ray along `direction`, z > 0, crosses as it rises by one unit."""
         x, y, z = (float(v) for v in direction)
         return -y / z / self.cell[0], x / z / self.cell[1]  # rows go down, y goes up
 
