@@ -47,7 +47,7 @@ class NotFiniteError(InputError):
 
 
 def finite(values: Array, label: str) -> Array:
-    """Return the values (..., 3); raise a `NotFiniteError` with the count and first index where some are not finite."""
+    """Return values (..., 3) if all are finite; else raise a `NotFiniteError` with `label`, count and first index."""
     good = np.isfinite(values)
     if good.all():
         return values
@@ -420,7 +420,7 @@ class BTF:
 
     def downsample(self, factor: int) -> "BTF":
         """The BTF box-filtered over factor × factor texels, in linear light. Rows and columns at the end that do not
-        fill a box are left out; the result is then not periodic."""
+        fill a box are left out; the result is then not periodic. `ValueError` if no whole box fits."""
         if not 1 <= factor <= min(self.shape):
             raise ValueError(f"factor must be between 1 and {min(self.shape)}, not {factor}")
         if factor == 1:
@@ -429,7 +429,7 @@ class BTF:
         return replace(self, periodic=periodic).over(_BoxFiltered(self.source, factor), downsampled=factor)
 
     def crop(self, top: int, left: int, height: int, width: int) -> "BTF":
-        """The BTF of a window of texels, which may reach around the border; it is not periodic."""
+        """The BTF of a window, which may reach around the border; not periodic. `ValueError` if larger than the BTF."""
         if not (1 <= height <= self.shape[0] and 1 <= width <= self.shape[1]):
             raise ValueError(f"a window of {height} × {width} does not fit into {self.shape}")
         source = self.source.window(top, left, height, width)

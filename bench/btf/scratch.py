@@ -48,11 +48,12 @@ def scattered(copy: Array, pair: Array, texel: Array) -> Array:
 def _write_copy(
     path: Path, partial: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int], dtype: type
 ) -> bool:
-    """Write the copy (blocks, H · W, pairs of a block, 3) in a dtype; return False if halves lose too much.
+    """Write the copy (blocks, H · W, pairs of a block, 3) to `partial`, in a dtype; False if halves lose too much.
 
     They do if a value is beyond their range, or if more than the share `DIM` of the values is too small for their
-    precision. Blocks are written from front to back: each slice is read once, and one block is in memory. Written
-    slice by slice, a whole measurement would bring every page back into memory hundreds of times.
+    precision. `path`, its later name, is for the log. Blocks are written from front to back: each slice is read once,
+    and one block is in memory. Written slice by slice, a whole measurement would bring every page back into memory
+    hundreds of times.
     """
     texels = shape[0] * shape[1]
     together = max(1, min(TOGETHER, count, BLOCK // (3 * texels * np.dtype(dtype).itemsize)))

@@ -40,7 +40,7 @@ class HalfVectors:
 
 
 def half_vectors(wo: Array, wi: Array, means: Array) -> HalfVectors | None:
-    """How much of the means (N,) of slices half vectors of the pairs, wo and wi (N, 3), explain.
+    """How much of the means (N,) of slices half vectors of the pairs explain; wo and wi are (N, 3), with z > 0.
 
     None for too few lit pairs, and where angles from the normal explain all.
     """

@@ -197,7 +197,7 @@ class _Slices:
         self.thumbs: dict[int, Array] = {}
 
     def read(self, pair: int) -> None:
-        """Read a slice."""
+        """Read the slice of a pair, and keep what the class says of it."""
         picture = self.btf[pair]
         texels = picture.reshape(-1, 3)
         self.values.append(texels[self.texels])
@@ -248,7 +248,7 @@ def look(btf: BTF) -> Look:
         wo, wi = btf.wo[scattered], btf.wi[scattered]
         halves = half_vectors(wo, wi, np.array([slices.means[pair] for pair in scattered]))
         if power is None and power_o is None:
-            power, power_o = _powers(wo[:, 2], wi[:, 2], slices.medians_of(scattered))
+            power, power_o = _powers(wi[:, 2], wo[:, 2], slices.medians_of(scattered))
     lows, highs = zip(*slices.extremes.values(), strict=True)
     return Look(
         btf=btf,
@@ -314,7 +314,7 @@ def _pairs_nearest_normal(index: Array, side: Array, other: Array) -> list[int]:
 def _power(cos: Array, medians: Array) -> float | None:
     """The power of cos θ (n,) with which the medians (n,) of slices fall; None for few slices or too similar angles.
 
-    It is the slope of a line through their logarithms.
+    It is the slope of a line through their logarithms, so each cos θ must be above 0.
     """
     lit = medians > 0  # a median of 0 has no logarithm
     if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:
@@ -323,7 +323,7 @@ def _power(cos: Array, medians: Array) -> float | None:
     return float(slope)
 
 
-def _powers(cos_o: Array, cos_i: Array, medians: Array) -> tuple[float | None, float | None]:
+def _powers(cos_i: Array, cos_o: Array, medians: Array) -> tuple[float | None, float | None]:
     """The powers of cos θ_i and of cos θ_o (n,) with which the medians (n,) of slices at scattered pairs fall; None for
     both of few slices or too similar angles."""
     lit = medians > 0

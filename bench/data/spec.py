@@ -166,7 +166,7 @@ class Preparation:
         return tables
 
     def all_pairs(self, material: str, seed: int) -> tuple[Array, Array]:
-        """`wo` and `wi` (N, 3) of the training pairs, then of the held-out ones."""
+        """`wo` and `wi` (N, 3) of the training pairs, then of the held-out ones; test pairs are those of draw 0."""
         wo, wi = self.product()
         drawn_wo, drawn_wi = self.heldout_pairs(material, seed)
         return np.concatenate([wo, drawn_wo]), np.concatenate([wi, drawn_wi])

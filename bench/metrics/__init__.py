@@ -125,7 +125,7 @@ def refuse_taken_names() -> None:
 
 
 def listed() -> dict[str, str]:
-    """Every metric in words, those of other packages last; one that cannot be used with what is wrong."""
+    """Name → words on each metric, those of other packages last; what is wrong, for one that cannot be used."""
 
     def words(metric: Metric) -> str:
         """Unit, better end, space and version of a metric, on one line."""

@@ -73,7 +73,7 @@ class Prepared(NamedTuple):
 
     shape: tuple[int, ...]  # (..., H, W)
     exposure: float
-    side: Any
+    side: Any  # what `reference_side` gave
 
 
 class SliceMetric:
@@ -115,7 +115,7 @@ class SliceMetric:
         raise NotImplementedError
 
     def values(self, raw: Array) -> Array:
-        """Raw numbers (n,) → numbers in the metric's unit (n,)."""
+        """Raw numbers (n,), or one number such as their mean → the same shape in the metric's unit."""
         return raw
 
     def pool(self, raw: Array) -> float:
@@ -129,10 +129,10 @@ class SliceMetric:
         if the exposure is not positive.
         """
         picture = Picture(reference, exposure, "reference")
-        if min(picture.shape[-2:]) < self.smallest:
-            size = "{} × {}".format(*picture.shape[-2:])
-            least = self.smallest
-            raise InputError(f"reference is {size}, but {self.title} needs at least {least} × {least}")
+        height, width = picture.shape[-2:]
+        least = self.smallest
+        if min(height, width) < least:
+            raise InputError(f"reference is {height} × {width}, but {self.title} needs at least {least} × {least}")
         return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
 
     def error_map(self, reference: Prepared, test: Array) -> Array:

@@ -41,7 +41,7 @@ def sample(btf: BTF, seed: int = 0) -> Array:
         return np.stack([picture.reshape(-1, 3) for picture in btf])
     rng = np.random.default_rng(seed)
     slices = min(len(btf), SAMPLE_SLICES)
-    texels = math.ceil(SAMPLE_VALUES / 3 / slices)  # of each slice, others in each
+    texels = math.ceil(SAMPLE_VALUES / 3 / slices)  # of each slice, drawn anew for each
     pair = rng.choice(len(btf), slices, replace=False)
     row = rng.integers(0, height, (slices, texels))
     col = rng.integers(0, width, (slices, texels))
@@ -79,7 +79,7 @@ def exposed(slices: Iterable[Array], exposure: float) -> Exposed:
     for values in slices:
         display = to_display(values, exposure)
         codes.append(255 * display.mean())
-        error = max(float(np.square(display).mean()), 1e-10)
+        error = max(float(np.square(display).mean()), 1e-10)  # 0 has no logarithm
         scores.append(min(MOST_DB, -10 * math.log10(error)))
     return Exposed(exposure, float(np.median(codes)), float(np.mean(scores)))
 
@@ -105,8 +105,8 @@ def decode_srgb(encoded: Array) -> Array:
 
 def to_display(radiance: Array, exposure: float) -> Array:
     """The display transform: sRGB of exposure × radiance clipped to [0, 1]; any shape, float64."""
-    exposed = np.multiply(radiance, exposure, dtype=np.float64)
-    return encode_srgb(np.clip(exposed, 0, 1))
+    light = np.multiply(radiance, exposure, dtype=np.float64)
+    return encode_srgb(np.clip(light, 0, 1))
 
 
 def display_error(radiance: Array, other: Array, exposure: float) -> float:

@@ -63,7 +63,7 @@ class Perceived(NamedTuple):
 
 
 class LDR(SliceMetric):
-    """FLIP of exposure × radiance clipped to [0, 1], at a number of pixels per degree (the published default). At
+    """FLIP of exposure × radiance clipped to [0, 1], at `ppd` pixels per degree (`InputError` if not above 0). At
     borders filters wrap around, if periodic; otherwise the border is repeated, as published."""
 
     def __init__(self, ppd: float = PPD, periodic: bool = False):
@@ -134,8 +134,8 @@ def _separable(plane: Array, down: Array, across: Array, mode: str) -> Array:
 
 def _weighted_sum(plane: Array, terms: tuple[tuple[float, Array], ...], mode: str) -> Array:
     """A plane (..., H, W) under a sum of separable filters, each a weight and the kernel of both axes."""
-    (weight, kernel), *others = terms
-    total = weight * _separable(plane, kernel, kernel, mode)
+    (first_weight, first_kernel), *others = terms
+    total = first_weight * _separable(plane, first_kernel, first_kernel, mode)
     for weight, kernel in others:
         total += weight * _separable(plane, kernel, kernel, mode)
     return total
@@ -165,7 +165,8 @@ def _sensitivity_filters(ppd: float) -> tuple[tuple[tuple[float, Array], ...], .
 def _feature_filters(ppd: float) -> tuple[Array, Array, Array]:
     """1-D kernels: a Gaussian that sums to 1, its first and its second derivative, balanced as by `_balance`."""
     sigma = 0.5 * _FEATURE_WIDTH * ppd
-    x = np.arange(-math.ceil(3 * sigma), math.ceil(3 * sigma) + 1)
+    radius = math.ceil(3 * sigma)
+    x = np.arange(-radius, radius + 1)
     gaussian = np.exp(-(x**2) / (2 * sigma**2))
     # The derivatives but for factors, which `_balance` replaces.
     first = -x * gaussian
@@ -210,7 +211,7 @@ def _redistribute(distance: Array) -> Array:
 
 @lru_cache(maxsize=1)
 def _greatest() -> float:
-    """The power of the distance from green to blue, the greatest in the gamut: 41.27610."""
+    """The distance from green to blue, the greatest in the gamut, to the power of `_COLOUR_POWER`: 41.27610."""
     green = np.array([0.0, 1, 0]).reshape(3, 1)
     blue = np.array([0.0, 0, 1]).reshape(3, 1)
     return float(_hyab(_hunt_lab(green), _hunt_lab(blue))[0] ** _COLOUR_POWER)
@@ -321,7 +322,7 @@ class Hable(HDR):
 class Reinhard(HDR):
     """Reinhard's Y / (1 + Y) of luminance (2002), colours scaled with it."""
 
-    curve = (0, 1, 0, 0, 1, 1)
+    curve = (0, 1, 0, 0, 1, 1)  # of luminance; here only `range_of` uses it
 
     def tone_map(self, planes: Array) -> Array:
         luminance = LUMA[0] * planes[0] + LUMA[1] * planes[1] + LUMA[2] * planes[2]

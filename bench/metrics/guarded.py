@@ -18,7 +18,7 @@ def guarded(make: Callable[[], SliceMetric], called: str) -> "Guarded":
 
 
 def _answer_of(called: str, fails: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """What a function of the metric answers; what it raises becomes a `PluginError`: `called`, `fails`, its words."""
+    """What a function of the metric answers; a `PluginError` says `called`, `fails`, and what it raised."""
     try:
         return function(*arguments)
     except (Exception, SystemExit) as error:

@@ -24,7 +24,7 @@ from bench.metrics.angular import as_number, grazing, polar_map
 from bench.metrics.base import Picture, SliceMetric, check_radiance
 from bench.metrics.description import PERIODIC, Metric
 from bench.metrics.display import display_error, exposure_of, sample
-from bench.metrics.psnr import DisplayPSNR, LogPSNR
+from bench.metrics.psnr import DisplayPSNR, squared_error
 from bench.records import PSNR, Group, Statistics
 
 Decode = Callable[[int], Array]
@@ -80,10 +80,10 @@ class _Stack:
 class Scorer:
     """Scores any number of codecs against one BTF.
 
-    `names` are metrics of the registry, by default `bench.metrics.DEFAULTS`, or their periodic variants if it repeats.
-    `exposure` is that of the material, by default measured of `sampled` (None: of the BTF itself), as are the constants
-    that metrics fix. `threads` compute metrics, by default one on each core. `cache_bytes` limits the cache of the
-    reference between codecs.
+    `names` are metrics of the registry, by default `bench.metrics.DEFAULTS`, or their periodic variants for a periodic
+    BTF. `exposure` is that of the material, by default measured of `sampled` (None: of the BTF itself), as are the
+    constants that metrics fix. `threads` compute metrics, by default one on each core. `cache_bytes` limits the cache
+    of the reference between codecs.
 
     Raises `InputError` for an unknown metric, and for a periodic one if the BTF is not periodic.
     """
@@ -147,13 +147,13 @@ class Scorer:
 
     def _stacks(self, pairs: Array, decode_slice: Decode) -> Iterator[_Stack]:
         """The numbers of consecutive stacks of pairs, in order, with few of them under way."""
+        shape = (*self.btf.shape, 3)
         step = max(1, _STACK_TEXELS // (self.btf.shape[0] * self.btf.shape[1]))
         waiting: deque[Future[_Stack]] = deque()
         with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for start in range(0, len(pairs), step):
                     of_stack = tuple(pairs[start : start + step].tolist())
-                    shape = (*self.btf.shape, 3)
                     test = np.stack([_decoded(decode_slice(pair), shape, f"pair {pair}") for pair in of_stack])
                     # A cached reference stays, so the worker will find it.
                     truth = None if of_stack in self._cached else np.stack([self.btf[pair] for pair in of_stack])
@@ -183,7 +183,7 @@ class Scorer:
         means = {}
         for name, metric in self._applicable.items():
             means[name] = metric.compare(reference.sides[name], test_picture).mean((-2, -1))  # (n,), over the texels
-        abrdf = LogPSNR().compare(reference.log1p, test_picture).sum(0)  # of (n, H, W)
+        abrdf = squared_error(reference.log1p, test_picture.log1p).sum(0)  # of (n, H, W)
         return _Stack(pairs, reference, means, abrdf)
 
     def _finish(self, future: Future[_Stack]) -> _Stack:
@@ -213,9 +213,8 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
 
     - `slices` and `radiance`, the mean linear radiance of its references;
     - `metrics`: by name, `mean` and `std` over the slices, `pooled` over all of them, `exact`, the number of slices
-      without any error, and `slices`, the number that the metric applies to; `relative` for an error
-      of radiance: pooled over the group's `radiance`; `worst` for a PSNR: its mean over the worst tenth of the
-      slices.
+      without any error, and `slices`, the number that the metric applies to; `relative` for an error of radiance:
+      `pooled` divided by the group's `radiance`; `worst` for a PSNR: its mean over the worst tenth of the slices.
 
     None stands for no slice to measure.
     """
@@ -289,7 +288,7 @@ def footprint_errors(
     exposure: float,
     factors: Sequence[int] = (1, 2, 4, 8),
 ) -> dict[int, Array]:
-    """The squared display error of each pair at footprints of some texels, against box-filtered truth.
+    """The squared display error (n,) of the n pairs, by footprint in texels a side, against box-filtered truth.
 
     `decode(i, factors)` gives pair i at each of these footprints, linear radiance (H // factor, W // factor, 3): one
     answer for each whole box of factor × factor texels, asked at the centre of that box (`bench.material.box_centres`).

@@ -67,7 +67,8 @@ def bake(
 
     Pairs are those of the built-in materials (`bench.data.spec`): a product, then held-out pairs, drawn by `seed`.
     Values are linear Rec. 709 f_r · cos θ_i. `show` is told how many pairs are rendered. The result appears under its
-    name when it is complete. Raises `InputError` if `out` cannot be written or counts are out of range.
+    name when it is complete. Without `path_tracer` the suite's renderer renders. Raises `InputError` if `out` cannot be
+    written or counts are out of range.
     """
     check_place(out)
     wo, wi = data.all_pairs(surface.name, seed)

@@ -56,10 +56,8 @@ _UNREAD = f"only {SUPPORTED}"
 # Why a picture is not used although its name is known.
 _NOT_USED = {"": "not recognised", "occlusion": "shadows are cast by the renderer"}
 _NOT_USED |= {"specular": "the specular workflow is not read, give a metalness map"}
-_DOUBTFUL = (
-    "",
-    "specular",
-)  # roles of pictures that may be a map that the bake needs; an occlusion is none
+# Roles of unused pictures that may be a map that the bake needs; an occlusion is none.
+_DOUBTFUL = ("", "specular")
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 
 from bench.btf import Array
 from bench.data.bake.naming import MapFiles
-from bench.data.materials.maps import Maps, resize
+from bench.data.materials.maps import Maps, resize, resize_angle
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import colour_note, picture_format, picture_size, read_alpha, read_picture
 from bench.inputs.errors import InputError
@@ -185,9 +185,9 @@ class _Reader:
         return default
 
 
-def _fitted_shape(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
+def _fitted_shape(shape: tuple[int, int], longest: int) -> tuple[int, int]:
     """The (H, W) with the proportion of `shape` (H, W) whose longer side is `longest`; each side is at least 1."""
-    height, width = shape[:2]
+    height, width = shape
     largest = max(shape)
     return max(1, round(height * longest / largest)), max(1, round(width * longest / largest))
 
@@ -269,7 +269,7 @@ def _range_of_unit(heights: Array, fitted_depth: float | None) -> tuple[float, f
 
 
 def _normals(reader: _Reader, role: str) -> Array | None:
-    """Unit normals (H, W, 3) as a map's codes say, whether its green points up or down; None without a map.
+    """Unit normals (H, W, 3) as a map's codes say, with y still negated if its green points down; None without a map.
 
     `InputError` for normals that are not of tangent space.
     """
@@ -296,7 +296,6 @@ def _is_signed(values: Array) -> bool:
     """
     if values.min() < -0.01:  # lossy compression leaves noise below 0
         return True
-
     # How far the lengths are from 1, on average, in either form.
     off_as_stored = np.abs(np.linalg.norm(values, axis=-1) - 1).mean()
     off_decoded = np.abs(np.linalg.norm(2 * values - 1, axis=-1) - 1).mean()
@@ -340,19 +339,12 @@ def _anisotropy(reader: _Reader) -> tuple[Array | float, Array | float]:
     if is_coloured:
         x, y = 2 * picture[..., 0] - 1, 2 * picture[..., 1] - 1
         strength = np.clip(reader.shrunk(picture[..., 2]), 0, 1)
-        return strength, _mean_angle(reader, np.arctan2(y, x))
+        return strength, resize_angle(np.arctan2(y, x), reader.grid)
     strength = np.clip(reader.shrunk(picture[..., 0]), 0, 1)
     turns = reader.codes("anisotropy_angle")
     if turns is None:
         return strength, 0.0
-    return strength, _mean_angle(reader, 2 * np.pi * turns[..., 0])
-
-
-def _mean_angle(reader: _Reader, angle: Array) -> Array:
-    """Angles (H, W) in radians averaged to the working grid. They are the same modulo π, so they are averaged as
-    directions of twice the angle."""
-    double_angle = reader.shrunk(np.stack([np.cos(2 * angle), np.sin(2 * angle)], -1))
-    return 0.5 * np.arctan2(double_angle[..., 1], double_angle[..., 0])
+    return strength, resize_angle(2 * np.pi * turns[..., 0], reader.grid)
 
 
 @dataclass(frozen=True)

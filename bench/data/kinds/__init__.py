@@ -82,8 +82,11 @@ class Kind(ABC):
 
 
 def no_such_setting(spec: MaterialSpec, made: str, key: str, remedies: dict[str, str]) -> str:
-    """That a material, which is `made` so, has no setting `key`, and the remedy; "" if `remedies` (by key) lacks it."""
-    return f"{spec.name} is {made}, which has no such setting: {remedies[key]}" if key in remedies else ""
+    """A sentence that a material has no setting `key`, and the remedy; "" if `remedies` (key → words) lacks the key.
+    `made` is "rendered" or "measured"."""
+    if key not in remedies:
+        return ""
+    return f"{spec.name} is {made}, which has no such setting: {remedies[key]}"
 
 
 def kind_of(spec: MaterialSpec) -> Kind:

@@ -35,9 +35,9 @@ class Points:
     o: tuple[Array, Array, Array]  # the view direction along t, b and n
     alpha: tuple[Array, Array]  # the GGX widths along t and b
     diffuse: Array  # a colour: (1 − metalness) · base / π · (1 − F_d(o_n))
-    f0: Array  # a colour
-    f90: Array
-    dielectric_f90: Array
+    f0: Array  # a colour: the specular reflectance along the normal
+    f90: Array  # that at a grazing angle, the same for all colours
+    dielectric_f90: Array  # that of the dielectric part alone
     smith_o: Array  # Λ(o)
 
 

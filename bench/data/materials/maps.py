@@ -66,18 +66,15 @@ class Maps:
         are averaged as directions modulo π. Heights stay in units of the picture's width."""
         if shape == self.shape:
             return self
-        # `angle` and `normal` are averaged as vectors below, an angle by twice its value, because it has a period of π.
+        # `angle` and `normal` are averaged as vectors below.
         averaged = [name for name in (*_SCALARS, "base_colour") if name != "angle"]
         maps: dict[str, Any] = {name: resize(getattr(self, name), shape) for name in averaged}
-        double_angle = np.stack([np.cos(2 * self.angle), np.sin(2 * self.angle)], -1)
-        double_angle = resize(double_angle, shape)
-        angle = 0.5 * np.arctan2(double_angle[..., 1], double_angle[..., 0])
         normal = None
         if self.normal is not None:
             normal = resize(self.normal, shape)
             # Opposite normals may cancel: 1e-12 avoids a division by 0.
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-        return replace(self, **maps, angle=angle, normal=normal)
+        return replace(self, **maps, angle=resize_angle(self.angle, shape), normal=normal)
 
     def rolled(self, rows: int, cols: int) -> "Maps":
         """The periodic maps moved by so many of their own texels, rows down and columns to the right."""
@@ -139,6 +136,13 @@ def resize(picture: Array, shape: tuple[int, int]) -> Array:
         resized = np.tensordot(weights, picture.astype(np.float64), (1, axis))  # puts the new axis first
         picture = np.moveaxis(resized, 0, axis)
     return picture.astype(np.float32)
+
+
+def resize_angle(angle: Array, shape: tuple[int, int]) -> Array:
+    """Periodic angles (H, W) in radians at another size, as by `resize`. They are the same modulo π, so they are
+    averaged as directions of twice the angle."""
+    double_angle = resize(np.stack([np.cos(2 * angle), np.sin(2 * angle)], -1), shape)
+    return 0.5 * np.arctan2(double_angle[..., 1], double_angle[..., 0])
 
 
 def _enlarging_weights(size: int, old_size: int) -> Array:

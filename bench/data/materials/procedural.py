@@ -53,7 +53,7 @@ def distances_to_points(rng: np.random.Generator, size: int, cells: int, jitter:
 
 
 def normalised(picture: Array) -> Array:
-    """The picture stretched to [0, 1]."""
+    """The picture stretched to [0, 1]; its values may not all be equal."""
     return (picture - picture.min()) / np.ptp(picture)
 
 

@@ -95,7 +95,7 @@ class HeightField:
         return hit_height
 
     def offset(self, direction: Array) -> tuple[float, float]:
-        """(rows, columns) of the grid that a ray along `direction` crosses while it rises by one unit of height."""
+        """(rows, columns) of the grid that a ray along `direction`, z > 0, crosses as it rises by one unit."""
         x, y, z = (float(v) for v in direction)
         return -y / z / self.cell[0], x / z / self.cell[1]  # rows go down, y goes up
 
@@ -247,16 +247,16 @@ class Renderer:
         s = self.sub_points
         return picture.reshape(H, s, W, s).transpose(1, 3, 0, 2).reshape(s * s, H * W)
 
-    def slice(self, view: View, wi: Array, light: Array) -> Array:
+    def slice(self, view: View, wi: Array, visibility: Array) -> Array:
         """The picture (H, W, 3) float32 of one pair: linear Rec. 709, f_r · cos θ_i · V.
 
-        `wi` is the light's direction (3,). V is `light`, the uint8 codes that `HeightField.visibility` gives for it.
+        `wi` is the light's direction (3,). `visibility`, V, are the uint8 codes of `HeightField.visibility` for it.
         """
         points = view.points
         cos_between = np.float32(view.wo @ wi)
         diffuse, specular = brdf.reflect(points, _project(view.frame, wi), cos_between)
         # V from its codes, divided by the number of sub-points, so that the sum below is a mean.
-        visible = light.take(view.cell) * np.float32(1 / 255 / self.sub_points**2)
+        visible = visibility.take(view.cell) * np.float32(1 / 255 / self.sub_points**2)
         diffuse *= visible
         specular *= visible
         colour = points.diffuse * diffuse  # (3, s, H · W)
@@ -351,14 +351,14 @@ def render(
         raise InputError("wo and wi must have the same number of directions, all above the horizon (z > 0)")
     renderer = Renderer(maps, size, sub_points)
     result = np.empty((len(wo), *size, 3), np.float32) if out is None else out
-    # The different views and lights, for each pair the index of its view and of its light, and the pairs of each light.
+    # The different views and lights, for each pair the index of its view and light, and how many pairs each light has.
     views, view_of = np.unique(wo, axis=0, return_inverse=True)
-    lights, light_of, pairs_of_light = np.unique(wi, axis=0, return_inverse=True, return_counts=True)
+    lights, light_of, pair_counts = np.unique(wi, axis=0, return_inverse=True, return_counts=True)
     view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # only numpy 2.0 gives (N, 1)
 
     def shared_visibility(index: int) -> Array | None:
         """The visibility of a light that several pairs share; None for that of a single pair, see `fill_view`."""
-        return renderer.field.visibility(lights[index]) if pairs_of_light[index] > 1 else None
+        return renderer.field.visibility(lights[index]) if pair_counts[index] > 1 else None
 
     def fill_view(index: int) -> int:
         """Write all slices of one view into `result`; returns their number."""

@@ -41,7 +41,7 @@ def provenance_of(
 
 
 def unit_note(angles: str) -> dict[str, str]:
-    """The note for a provenance on the unit of angles, if the user named it; {} if `angles` is anything else ("")."""
+    """The note for a provenance on the unit of angles that the user named, "degrees" or "radians"; {} for any other."""
     if angles not in ("degrees", "radians"):
         return {}
     return {"angles": f"taken as {angles}, as the user says"}

@@ -85,7 +85,7 @@ def attributes_of(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int
 def channels_to_read(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
     """The names of the channels to read: R G B, else X Y Z, else Y alone (grey). `InputError` for other channels.
 
-    Further channels, such as alpha or depth, are left out.
+    Further channels, such as alpha or depth, are left out. `attributes` must have `channels`, which `size` checks.
     """
     channels = {}  # name → pixel type (0 uint, 1 half, 2 float), sampling along x, sampling along y
     data = attributes["channels"]

@@ -186,19 +186,19 @@ class HDF5Source(Source):
     Scattered reads use the defaults of `Source`, which copy all pictures to a scratch file once.
     """
 
-    def __init__(self, path: Path, file_shape: tuple[int, int, int], window: Window, chunk: int):
-        """`file_shape` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks.
+    def __init__(self, path: Path, file_shape: tuple[int, int, int], window: Window, pictures_a_chunk: int):
+        """`file_shape` is (N, H, W) of the whole file, in which a chunk holds values of `pictures_a_chunk` pictures.
 
         Pictures of a chunk are best read together (`at_once`), as far as they fit into `AT_ONCE` bytes.
         """
         self.path = path
         self.file_shape = file_shape
         self.rectangle = window
-        self.chunk = chunk
+        self.pictures_a_chunk = pictures_a_chunk
         self.count = file_shape[0]
         self.shape = (window.height, window.width)
         bytes_of_a_picture = 12 * window.height * window.width  # three float32 values a texel
-        self.at_once = max(1, min(chunk, AT_ONCE // bytes_of_a_picture))
+        self.at_once = max(1, min(pictures_a_chunk, AT_ONCE // bytes_of_a_picture))
 
     def slices(self, pairs: Array) -> list[Array]:
         """As `Source.slices`: (H, W, 3) float32 each, row 0 on top.
@@ -231,7 +231,7 @@ class HDF5Source(Source):
             # It reaches around the border: the default reads whole pictures and picks texels out of them.
             return super().window(top, left, height, width)
         window = Window(self.rectangle.top + top, self.rectangle.left + left, height, width)
-        return HDF5Source(self.path, self.file_shape, window, self.chunk)
+        return HDF5Source(self.path, self.file_shape, window, self.pictures_a_chunk)
 
     def fingerprint(self) -> str:
         rectangle = tuple(self.rectangle)  # as text `(0, 0, 64, 64)`

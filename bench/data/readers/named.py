@@ -45,16 +45,19 @@ def opened(seen: Candidate) -> BTF | None:
     # Some archivers add hidden copies, `._name`.
     names = [name for name in sorted(seen.names) if not name.rpartition("/")[2].startswith(".")]
     # No name fits both patterns: UTIA's begin with `tl`, Bonn's with other text.
-    utia = _opened_as(seen, names, PRAGUE, UTIA)
+    utia = _opened_as(seen, names, PRAGUE, UTIA, rgb_is_xyz=True)
     if utia is not None:
         return utia
-    return _opened_as(seen, names, BONN, UBO2003)
+    return _opened_as(seen, names, BONN, UBO2003, rgb_is_xyz=False)
 
 
-def _opened_as(seen: Candidate, names: list[str], pattern: re.Pattern[str], provenance: dict[str, Any]) -> BTF | None:
+def _opened_as(
+    seen: Candidate, names: list[str], pattern: re.Pattern[str], provenance: dict[str, Any], rgb_is_xyz: bool
+) -> BTF | None:
     """The BTF of the pictures among `names` that match `pattern`, sorted by view, then light; None if none does.
 
     The groups of `pattern` are θ_i, φ_i, θ_o, φ_o in degrees. Files of other names, such as notes, are left out.
+    `rgb_is_xyz`: as for `read_picture`.
     """
     matches = list(filter(None, map(pattern.search, names)))
     if not matches:
@@ -67,6 +70,6 @@ def _opened_as(seen: Candidate, names: list[str], pattern: re.Pattern[str], prov
     # The light stands first in a name.
     wi, wo = directions_of_degrees(degrees, labels.__getitem__, (" of the light", " of the view"))
     order = view_major(wo, wi)
-    source = PictureSource(files, [matched[i] for i in order], rgb_is_xyz=provenance is UTIA)
+    source = PictureSource(files, [matched[i] for i in order], rgb_is_xyz=rgb_is_xyz)
     material_name = path.resolve().name if seen.is_folder else path.stem
     return BTF(material_name, wo[order], wi[order], source, provenance=provenance | source.conversions())

@@ -96,7 +96,8 @@ def _mean_abrdf(path: Path, unit: str) -> BTF:
     for angles in (stored_theta, stored_phi):
         if angles.shape != (count,) or angles.dtype.kind not in "fiu":
             raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
-    stated_theta, stated_phi = (np.asarray(angles.values(), np.float64) for angles in (stored_theta, stored_phi))
+    stated_theta = np.asarray(stored_theta.values(), np.float64)
+    stated_phi = np.asarray(stored_phi.values(), np.float64)
     theta, phi = in_degrees(stated_theta, stated_phi, f"{path}: theta_deg and phi_deg", unit)
     # Errors speak of `theta_deg` and `phi_deg`.
     directions = different_directions(
@@ -122,8 +123,7 @@ def _directions(files: ZipFiles, key: str, count: int) -> Array:
 
 def _heldout(files: ZipFiles, count: int) -> Array | None:
     """The mask (count,) of the held-out pairs, on which no codec may train; None without the array, or if it is all
-    False. `InputError` if it is no such mask, or leaves nothing to train on.
-    """
+    False. `InputError` if it is no such mask, or leaves nothing to train on."""
     if not files.has("heldout.npy"):
         return None
     array = stored(files, "heldout")

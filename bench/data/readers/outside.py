@@ -37,9 +37,8 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint]) -> tuple[BTF | None, 
     """The BTF of the first of these readers that knows the format of `seen`, None if none does; and faults.
 
     A fault is a sentence on a reader that cannot be imported or has no function `opened`, which does not stop the
-    others. Raises `PluginError` that
-    names the reader, if it fails or returns something else than a BTF whose first slice is (H, W, 3) float32; an
-    `InputError` of its own, which is about the file, is passed on.
+    others. Raises `PluginError` that names the reader, if it fails or returns something else than a BTF whose first
+    slice is (H, W, 3) float32; an `InputError` of its own, which is about the file, is passed on.
     """
     faults = []
     for entry in readers:
@@ -55,7 +54,7 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint]) -> tuple[BTF | None, 
             fault = f"opened returned a {type(btf).__name__}, but must return a BTF, or None"
             raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
         # Read from the source: `btf[0]` would refuse NaN, which the option --repair may mask later.
-        first = _call(entry, seen, lambda btf: btf.source.slice(int(btf.pairs[0])), btf)
+        first = _call(entry, seen, lambda given: given.source.slice(int(given.pairs[0])), btf)
         form = f"{first.shape} {first.dtype}" if isinstance(first, np.ndarray) else f"a {type(first).__name__}"
         if form != f"{(*btf.shape, 3)} float32":
             fault = f"slice 0 is {form}, but must be {(*btf.shape, 3)} float32"

@@ -179,10 +179,9 @@ class PictureSource(Source):
     ):
         """Check by headers that every picture exists, can be read, and has the same size, and that no pair repeats one.
 
-        `InputError` for the first that does not.
-
-        `names` has the file of each pair. `labels` name the entries of the pairs in errors, such as lines of a list; by
-        default they are the files themselves. `rgb_is_xyz`: as for `read_picture`.
+        `InputError` for the first picture at fault. `names` has the file of each pair. `labels` name the entries of the
+        pairs in errors, such as lines of a list; by default they are the files themselves. `rgb_is_xyz`: as for
+        `read_picture`.
         """
         self.files = files
         self.names = list(names)

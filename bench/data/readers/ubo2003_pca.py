@@ -203,7 +203,7 @@ class LocalPCA(Source):
     def codes(self, pair: int) -> Array:
         """The sRGB codes of a pair (H, W, 3) float32, divided by 255 and not yet clipped to [0, 1]."""
         # Pairs are view-major, so those of a block's views follow each other.
-        block, pair_in_block = divmod(int(pair), TOGETHER * LIGHTS)
+        block, pair_in_block = divmod(pair, TOGETHER * LIGHTS)
         codes = _signed(self.components[block]) @ self.weights[block, pair_in_block]
         return codes.reshape(*self.shape, 3)
 
@@ -214,7 +214,7 @@ class LocalPCA(Source):
         """As `Source.texels`: one matrix product for all pairs of a block."""
         out = np.empty((len(rows), len(pairs), 3), np.float32)
         block_of, pair_in_block = np.divmod(pairs, TOGETHER * LIGHTS)
-        texel = np.asarray(rows) * self.shape[1] + np.asarray(cols)
+        texel = rows * self.shape[1] + cols
         for block in np.unique(block_of):
             places = np.flatnonzero(block_of == block)  # where the pairs of this block stand in `pairs`
             weights = self.weights[block, pair_in_block[places]]  # (pairs, components, 3)
@@ -230,7 +230,7 @@ class LocalPCA(Source):
         for start in range(0, len(pair), AT_ONCE):
             part = slice(start, start + AT_ONCE)
             block, pair_in_block = np.divmod(pair[part], TOGETHER * LIGHTS)
-            texel = np.asarray(row)[part] * self.shape[1] + np.asarray(col)[part]
+            texel = row[part] * self.shape[1] + col[part]
             components = _signed(self.components[block, texel])
             out[part] = np.einsum("nk,nkc->nc", components, self.weights[block, pair_in_block])
         return _linear(out)

@@ -84,8 +84,8 @@ class Cursor:
 
         The view need not be aligned.
         """
-        count = math.prod(shape) * scalar
-        return self.take(count, what).view(SCALARS[scalar]).reshape(shape)
+        byte_count = math.prod(shape) * scalar
+        return self.take(byte_count, what).view(SCALARS[scalar]).reshape(shape)
 
 
 @dataclass
@@ -129,11 +129,10 @@ class Factorisation:
 def opened(seen: Candidate) -> BTF | None:
     """The BTF of a file that begins like those of UBO2014, or None; pairs sorted by view, then light, as stored.
 
-    Only headers are read now, and directions, so it takes milliseconds.
-    Values are linear RGB with the cosine of the light, decoded from colour model 0, 11 or 12 or from log (FMF) and
-    never clamped. `provenance` keeps what the file says about itself; `provenance["native"]` holds the bytes of the
-    file and the ranks of its factors, which a report sets beside codecs. Raises `InputError` that names file
-    and offset for a foreign, damaged or unsupported file.
+    Only headers are read now, and directions, so it takes milliseconds. Values are linear RGB with the cosine of the
+    light, decoded from colour model 0, 11 or 12 or from log (FMF) and never clamped. `provenance` keeps what the file
+    says about itself; `provenance["native"]` holds the bytes of the file and the ranks of its factors, which a report
+    sets beside codecs. Raises `InputError` that names file and offset for a foreign, damaged or unsupported file.
     """
     if seen.head[:1] != b"!":  # all signatures of Bonn begin so; an unknown one is an error that names it
         return None
@@ -158,7 +157,7 @@ def opened(seen: Candidate) -> BTF | None:
     read_body = _read_dfmf if signature == DFMF else _read_fmf
     factors, body_notes = read_body(cursor, len(views) * len(lights), height * width)
     notes |= body_notes
-    _share_memory(factors)
+    _choose_kept(factors)
 
     ranks = [matrix.stored.shape[1] for matrix in factors.pairs]
     native = {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks}
@@ -168,10 +167,9 @@ def opened(seen: Candidate) -> BTF | None:
     return BTF(path.stem, wo, wi, FactorSource(path, factors, (height, width)), provenance=provenance)
 
 
-def _share_memory(factors: Factorisation) -> None:
+def _choose_kept(factors: Factorisation) -> None:
     """Set which factors are kept in memory as float32: as many as `DENSE_BYTES` hold; the others are converted by rows
-    at each use. The factors of pairs come first, because they are small.
-    """
+    at each use. The factors of pairs come first, because they are small."""
     bytes_left = DENSE_BYTES
     # By identity, since channels may share a matrix, which is then counted once.
     distinct = {id(matrix): matrix for matrix in [*factors.pairs, *factors.texels]}
@@ -285,9 +283,9 @@ def _read_fmf(cursor: Cursor, pairs: int, texels: int) -> tuple[Factorisation, d
     cursor.count("the rank")  # stated again with the factors
     u, sv = _read_factors(cursor, 3 * pairs, texels, "the factors")
     by_channel = u.reshape(-1, 3, u.shape[1]).swapaxes(0, 1)  # (3, V · L, K)
-    model = 12 if reduction else 0  # as in `COLOUR_MODELS`
+    model = 12 if reduction else 0
     factors = Factorisation([Matrix(channel) for channel in by_channel], [Matrix(sv)] * 3, model)
-    colour = "log RGB, converted to RGB" if reduction else COLOUR_MODELS[0]
+    colour = COLOUR_MODELS[model]
     notes = {"colour": f"FMF: {colour}", "dynamic_range_reduction": reduction, "height_map": [width, height]}
     return factors, notes
 
@@ -369,7 +367,7 @@ class FactorSource(Source):
 
     def _index(self, rows: Array, cols: Array) -> Array:
         """The rows (n,) of S·V that hold n texels (rows[i], cols[i]); the file counts from the bottom row."""
-        return (self.shape[0] - 1 - np.asarray(rows)) * self.shape[1] + np.asarray(cols)
+        return (self.shape[0] - 1 - rows) * self.shape[1] + cols
 
     def _decode(self, channels: Sequence[Array] | Array, out: Array | None = None) -> Array:
         """Linear RGB (..., 3) float32 of three channels (...) of the colour model.
