@@ -207,7 +207,7 @@ class Search:
                 low = middle + 1
 
     def model(self, codec: Codec, name: str) -> Model:
-        """Fit a codec, to the scene if its settings say so, else to all of the BTF, as file `name`; decode and score it."""
+        """Fit a codec, to the scene if its settings say so, else to the BTF; decode and score its file, `name`."""
         fit = self.fit()
         path = self.folder / f"{name}{container.SUFFIX}"
 
