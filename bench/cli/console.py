@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class _Output(RichConsole):
-    """Where bars and lines go; nobody who reads it is an error, as it is for `print`."""
+    """Where bars and lines go. If nobody reads it any more, that is an error, as it is for `print`."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError

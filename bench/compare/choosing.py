@@ -179,14 +179,14 @@ def usual_batch(variants: Sequence[Timing]) -> int:
 
 
 def on_front(rows: Sequence[Timing], cost: Literal["ns_per_sample", "bytes"]) -> set[str]:
-    """The names of the choices, all with times and scores, that are on the Pareto front: no other has at least the PSNR
-    for at most the cost, and is better in one."""
+    """The names of the choices on the Pareto front: no other has at least the PSNR for at most the cost, and is better
+    in one. All rows have times and scores; `cost` is the field of the cost."""
     places = {row["job"]: (round(counted(row["psnr"]), 2), row[cost]) for row in rows}  # executions differ by rounding
 
     def beaten(place: tuple[float, float]) -> bool:
         """Whether another place has at least the PSNR for at most the cost."""
-        psnr, cost = place
-        as_good = {other for other in places.values() if other[0] >= psnr and other[1] <= cost}
+        psnr, price = place
+        as_good = {other for other in places.values() if other[0] >= psnr and other[1] <= price}
         return len(as_good) > 1  # the place itself is among them
 
     return {name for name, place in places.items() if not beaten(place)}

@@ -16,7 +16,7 @@ from itertools import chain
 from statistics import fmean
 
 from bench.compare.quantities import Tolerance
-from bench.compare.rows import ORDER, ComparedRow, advice, compare_row, gravest_verdict, multiples
+from bench.compare.rows import ORDER, ComparedRow, comparable_times, compare_row, gravest_verdict, multiples
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
 from bench.records import Job, Run, RunStart, Stress, by_row, codec_of, grouped, planned_jobs, require
@@ -96,7 +96,7 @@ def compare(
     rows_after = by_row(sorted(after, key=lambda job: job["seed"]))
     rows = []
     for key in _rows_in_order([*before, *after]):
-        timing = advice(times_before.get(key), times_after.get(key))
+        timing = comparable_times(times_before.get(key), times_after.get(key))
         # A codec may have seeds of its own.
         seeds = {job.seed for job in planned.get(key, []) if job.seed is not None} or expected_seeds
         row = compare_row((base, new), rows_before.get(key, []), rows_after.get(key, []), seeds, timing)
@@ -160,8 +160,8 @@ def _is_finite(change: Change) -> bool:
 
 
 def _mean_change(changes: list[Change], every: bool) -> Change:
-    """The change of one quantity over some rows: plain means of base and new, which are shown, and a weighted mean of
-    their differences, which decides, with its margin.
+    """The change of one quantity over some rows, all with finite values: the plain means of base and new, to show, and
+    a weighted mean of their differences, which decides, with its margin.
 
     Rows that scatter more weigh less. `every` is as in `_mean_row`.
     """
@@ -182,7 +182,7 @@ def _mean_change(changes: list[Change], every: bool) -> Change:
 def _weights(changes: list[Change], tolerance: Tolerance) -> list[float]:
     """The share of each row in a mean: the inverse of its variance, with which the mean of equal losses scatters least.
 
-    `common` is added to it, so that a row that hardly scatters does not outweigh all others.
+    The square of `tolerance.common` is added to it, so that a row that hardly scatters does not outweigh all others.
     """
     inverse = []
     for change in changes:
@@ -316,7 +316,7 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
     for name, before in cells_of_base.items():
         after = cells_of_new.get(name)
         allowed = any(fnmatchcase(name, pattern) for pattern in allow)
-        if before["verdict"] == "pass" and not _holds(after) and not allowed:
+        if _holds(before) and not _holds(after) and not allowed:
             worse.append(f"{name} {_failure(after)}")
     held = sum(map(_holds, cells_of_new.values()))
     lines = [*map(visible, worse), f"{held} cells hold, {len(worse)} got worse"]

@@ -40,12 +40,12 @@ def annotations(comparison: Comparison) -> str:
 
 def command(kind: str, title: str, message: str) -> str:
     """`::KIND title=TITLE::MESSAGE`, escaped as GitHub Actions parses it."""
-    escaped_title = _data(title).replace(":", "%3A").replace(",", "%2C")  # both separate properties
-    return f"::{kind} title={escaped_title}::{_data(message)}"
+    escaped_title = _escaped(title).replace(":", "%3A").replace(",", "%2C")  # both separate properties
+    return f"::{kind} title={escaped_title}::{_escaped(message)}"
 
 
-def _data(text: str) -> str:
-    """A text as GitHub Actions parses it: on one line, with its control codes made visible."""
+def _escaped(text: str) -> str:
+    """A text on one line, with the escapes that GitHub Actions undoes, and other control codes made visible."""
     return visible(text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A"))
 
 

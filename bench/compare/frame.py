@@ -201,7 +201,7 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
             "processor": start.get("machine", {}).get("processor"),
             **{f"package/{package}": version for package, version in start.get("packages", {}).items()},
         }
-        # First, as the columns of a job's name; and last, because a free field of a record may have such a name, too.
+        # Twice: its columns come first, and its values last, so that they replace a record's fields of the same names.
         yield {**of_job, **flattened(job, run.timing(job)), **of_job} if records else of_job
 
 

@@ -151,9 +151,7 @@ def _paired_cells(two_jobs: Iterable[tuple[Job, Job]], slices_of_first: Slices, 
 def interval(cells: Sequence[Cell]) -> Interval | None:
     """The mean over materials of the mean over seeds of the mean over slices, with its interval; None without cells.
 
-    The interval is Student's over the means of the materials, with the chance of so large a mean between equal codecs;
-    fewer than `FEWEST` materials say nothing about others, and give a chance of 1. Of one material it is that of a
-    bootstrap; see the module.
+    For several materials the interval is Student's, for one that of a bootstrap: see the module and `chance_if_equal`.
     """
     by_material = grouped(cells, lambda cell: cell.material)
     if not by_material:

@@ -100,17 +100,8 @@ def deciding(job: Job) -> list[Quantity]:
     FLIP is pooled over the deciding pairs.
     """
     quantities = [
-        Quantity(
-            "parameters", unit="", better="lower", digits=0, value=lambda job: job["parameters"], tolerance=Tolerance()
-        ),
-        Quantity(
-            "bytes",
-            unit="",
-            better="lower",
-            digits=0,
-            value=lambda job: job["bytes"]["total"],
-            tolerance=Tolerance(drawn=0.01, relative=True),
-        ),
+        _count("parameters", lambda job: job["parameters"], Tolerance()),
+        _count("bytes", lambda job: job["bytes"]["total"], Tolerance(drawn=0.01, relative=True)),
     ]
     group = deciding_group(job["scores"])
     names = metrics_of(job)
@@ -148,6 +139,11 @@ def undeciding(job: Job) -> list[Quantity]:
     return quantities
 
 
+def _count(name: str, value: Callable[[Job], float | None], tolerance: Tolerance | None = None) -> Quantity:
+    """A whole number without a unit, of which fewer is better."""
+    return Quantity(name, unit="", better="lower", digits=0, value=value, tolerance=tolerance)
+
+
 def _of_metric(
     name: str,
     job: Job,
@@ -176,7 +172,7 @@ def _at_footprints(
 
 
 def _average(places: Sequence[tuple[str, ...]], statistic: str, decibels: bool, job: Job) -> float | None:
-    """The mean of a statistic over those of these places of a record that have slices.
+    """The mean of a statistic over places of a job's record, each a path of keys; those without slices do not count.
 
     A record cannot hold infinite decibels, of slices without an error, and has None for these, too. None if one of the
     places has no number, or if none has slices.
@@ -203,4 +199,4 @@ def _bytes_of_part(part: str) -> Quantity:
         sizes = dict(job["bytes"])
         return cast(int | None, sizes.get(part))
 
-    return Quantity(f"{part} bytes", unit="", better="lower", digits=0, value=value)
+    return _count(f"{part} bytes", value)

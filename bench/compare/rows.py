@@ -34,7 +34,7 @@ class Multiple:
 
 
 @dataclass(frozen=True)
-class Advice:
+class TwoTimes:
     """The times of one row in two runs, under the same conditions."""
 
     base: Multiple
@@ -50,11 +50,11 @@ class Advice:
         return ""
 
 
-def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
+def comparable_times(base: Multiple | None, new: Multiple | None) -> TwoTimes | None:
     """The times of one row in two runs; None if one lacks them or was timed under other conditions."""
     if base is None or new is None or base.conditions != new.conditions:
         return None
-    return Advice(base, new)
+    return TwoTimes(base, new)
 
 
 def multiples(jobs: Iterable[Job], timings: Iterable[Timing]) -> dict[tuple[str, str], Multiple]:
@@ -80,7 +80,7 @@ class ComparedRow:
     seeds: tuple[int, ...] = ()  # the seeds that the means are over
     deciding: list[Change] = field(default_factory=list)
     shown: list[Change] = field(default_factory=list)
-    timing: Advice | None = None
+    timing: TwoTimes | None = None
     notes: list[str] = field(default_factory=list)
     allowed: bool = False  # the row may be gone or not comparable
 
@@ -140,7 +140,7 @@ def sentence(change: Change) -> str:
 
 
 def compare_row(
-    runs: tuple[Run, Run], before: list[Job], after: list[Job], declared: set[int], timing: Advice | None
+    runs: tuple[Run, Run], before: list[Job], after: list[Job], declared: set[int], timing: TwoTimes | None
 ) -> ComparedRow:
     """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have.
 

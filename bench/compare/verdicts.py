@@ -60,7 +60,7 @@ class Change:
     verdict: Verdict
     margin: float | None = None
     spread: float | None = None  # standard deviation over the seeds that measure scatter; None if there is only one
-    why: str = ""
+    why: str = ""  # why base and new cannot be compared; "" if they can
     chance: "Chance | None" = None  # scatter of the difference, if seeds differ
     interval: Interval | None = None  # for PSNR: of the difference, over pairs and seeds
     weighted: float | None = None  # of a mean of rows: the mean difference in which rows that scatter more count less
@@ -138,7 +138,10 @@ def judge(
 def _jobs_in_mean(
     quantity: Quantity, base: Sequence[Job], after: Values, reference: Sequence[Job], same_files: bool
 ) -> Sequence[Job]:
-    """The jobs of the base over which its mean is: `base`, or all of `reference`; `after` are the numbers of new."""
+    """The jobs of the base over which its mean is: `base`, the compared ones, or all of its row, `reference`.
+
+    `after` are the numbers of new; `same_files` says that new wrote the base's files again.
+    """
     if quantity.tolerance is None or same_files or not same_pairs(reference):
         return base
     if _gave_same_numbers([quantity.value(job) for job in base], after):

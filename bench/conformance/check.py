@@ -72,9 +72,9 @@ def others(btf: BTF) -> list[BTF]:
     values = np.stack(list(btf))
     recoloured = []
     _, *orders = itertools.permutations(range(3))  # the first is the order that the BTF has
-    for order in orders:
-        source = ArraySource(values[..., order])
-        recoloured.append(BTF(f"colours {order}", btf.wo, btf.wi, source, periodic=True))
+    for channels in orders:
+        source = ArraySource(values[..., channels])
+        recoloured.append(BTF(f"colours {channels}", btf.wo, btf.wi, source, periodic=True))
     return recoloured
 
 
@@ -161,7 +161,7 @@ def _working_directory() -> str:
 
 
 def _difference(ours: Tensor, theirs: Tensor, tolerance: float) -> tuple[float, float]:
-    """How far two answers differ at most, and may: `tolerance` times the larger of 1 and the largest of `theirs`."""
+    """The largest difference of two answers, and what is allowed: `tolerance` × the larger of 1 and any of `theirs`."""
     return (ours - theirs).abs().max().item(), tolerance * max(1.0, theirs.abs().max().item())
 
 
@@ -368,8 +368,8 @@ def _refuse_tensor_of_cpu(error: RuntimeError, codec: Codec) -> None:
     frames = list(own_frames(error, codec))
     if emulated.DIFFERENT not in str(error).lower() or not frames:
         return
-    frame, line = frames[-1]
-    left = ", ".join(f"`{name}`" for name in emulated.left_in(frame, line))
+    innermost, line = frames[-1]
+    left = ", ".join(f"`{name}`" for name in emulated.left_in(innermost, line))
     if left:
         remedy = "move it by .to(fit.device), in a material by .to(wi.device)"
         raise CheckError(f"{left} on the CPU: {remedy} ({error_in_words(error, codec)})") from error

@@ -35,14 +35,10 @@ _WAITING = {
     *("aten::equal", "aten::repeat_interleave", "aten::_linalg_eigh", "aten::_linalg_svd", "aten::linalg_inv_ex"),
     "aten::_linalg_solve_ex",
 }
-_WITHOUT_KERNEL = (  # beginnings of names of operations that start nothing on a GPU
-    "aten::empty",
-    "aten::set_",
-    "aten::resize_",
-)
+# Beginnings of names of operations that start nothing on a GPU.
+_WITHOUT_KERNEL = ("aten::empty", "aten::set_", "aten::resize_")
 _aten = torch.ops.aten
-# Makes a tensor one over a given storage. Called with `_cpu_keys`, PyTorch runs its CPU code for a tensor of the
-# device.
+# Makes a tensor one over a given storage. With `_cpu_keys`, PyTorch runs its CPU code for a tensor of the device.
 _place = _aten.set_.source_Storage_storage_offset
 _clone: Callable[[Any], Any] = torch.UntypedStorage.clone
 _cpu_keys: Any = torch._C.DispatchKeySet(torch._C.DispatchKey.CPU)
@@ -103,6 +99,7 @@ class HostEvent:
     """An event as a GPU's, by the host's clock: its kernels have ended when their call returns."""
 
     def __init__(self, enable_timing: bool = False):
+        """`enable_timing` is an option of a GPU's events; this one always notes its time."""
         self.seconds = 0.0
 
     def record(self) -> None:
@@ -323,6 +320,7 @@ def _record(name: str, compute: Callable[[], Any], results: Any) -> None:
         raise RuntimeError(f"{name}: operation not permitted when stream is capturing")
 
     def again() -> None:
+        """Compute it again, and copy its results to where the first ones are, unless it wrote them there."""
         new = tree.tree_leaves(compute())
         for ours, theirs in zip(tree.tree_leaves(results), new, strict=True):
             if isinstance(ours, Tensor) and ours is not theirs:
@@ -332,7 +330,7 @@ def _record(name: str, compute: Callable[[], Any], results: Any) -> None:
 
 
 def _count_copy(what: str, tensor: Tensor, waits: bool = True) -> None:
-    """Count a copy between host and device, and by default that the host waits for it."""
+    """Count a copy between host and device and, if the host `waits` for it, a wait under the name `what`."""
     for traffic in _traffic:
         traffic.copied += tensor.nbytes
         traffic.waits[what] += waits

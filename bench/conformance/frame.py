@@ -13,7 +13,7 @@ truth then; without it the truth only gets farther away.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 import torch
@@ -29,6 +29,7 @@ WRONG, RIGHT = 0.65, 0.35  # a share above or below these decides; between them 
 SAME_SCALE = 1.25  # a mean within this factor is not an error of units
 PROVEN = 0.75  # a mistake is proven where undoing it leaves less than this share of the mean squared error
 PHASES_U, PHASES_V = (0.03, 0.37, 0.66), (0.18, 0.52, 0.86)  # of the three channels
+FAR_BELOW = 0.25  # the share of the truth's error that counts as far below it
 WAVE = 0.2
 ALBEDO = 0.45
 LIGHT_DEG, VIEW_DEG, LIGHT_TILT, VIEW_TILT = 20.0, 140.0, 0.5, 0.35  # how radiance leans with the directions
@@ -223,12 +224,9 @@ def logarithms() -> dict[str, Mistake]:
     }
 
 
-FAR_BELOW = 0.25  # the share of the truth's error that counts as far below it
-
-
 @dataclass(frozen=True)
 class FrameAnswers:
-    """Answers to every texel at every pair of the material, (n, 3), and the queries: uv (n, 2), wo and wi (n, 3)."""
+    """Answers at every texel and pair of the material, (n, 3) float64, and the queries: uv (n, 2), wo and wi (n, 3)."""
 
     answers: Tensor
     queries: tuple[Tensor, Tensor, Tensor]
@@ -243,11 +241,15 @@ class FrameAnswers:
         queries = uv.repeat(len(btf), 1), wo, wi
         return cls(decoded.query(*queries, footprint=1 / max(SHAPE)).double(), queries)
 
+    @cached_property
+    def right(self) -> Tensor:
+        """The true answers (n, 3) to the queries, float64."""
+        return truth(*self.queries).double()
+
     def share(self, wrong: Tensor) -> float:
         """How far the answers lie on the way from the truth, 0, to a wrong arrangement (n, 3), 1: see the module."""
-        right = truth(*self.queries).double()
-        way = wrong.double() - right
-        return float(((self.answers - right) * way).sum() / way.square().sum())
+        way = wrong.double() - self.right
+        return float(((self.answers - self.right) * way).sum() / way.square().sum())
 
     def error(self, radiance: Radiance = truth) -> float:
         """The mean squared distance of the answers to an arrangement."""
@@ -256,7 +258,7 @@ class FrameAnswers:
     @property
     def scale(self) -> float:
         """The mean answer over the mean of the truth."""
-        return float(self.answers.mean() / truth(*self.queries).double().mean())
+        return float(self.answers.mean() / self.right.mean())
 
     def shares(self) -> dict[str, float]:
         """`share` of each wrong arrangement, by its description."""
@@ -264,9 +266,7 @@ class FrameAnswers:
 
     def suspicions(self) -> list[tuple[str, Mistake]]:
         """The mistakes that the answers suggest, each with what to say of it, the likeliest first."""
-        suspected = {
-            description: MISTAKES[description] for description, share in self.shares().items() if share > WRONG
-        }
+        suspected = {name: MISTAKES[name] for name, share in self.shares().items() if share > WRONG}
         for description, mistake in logarithms().items():
             if self.error(mistake.answers) < FAR_BELOW * self.error():
                 suspected[description] = mistake

@@ -7,6 +7,7 @@ of its picture.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -39,12 +40,17 @@ class Points:
     def __len__(self) -> int:
         return len(self.pixel)
 
-    def local(self, directions: Array) -> Array:
-        """Directions (n, 3) of the scene in the frame of each point."""
+    @cached_property
+    def axes(self) -> tuple[Array, Array, Array]:
+        """The axes of the frame of each point, unit (n, 3): along +u, toward +v, and the normal."""
         x = unit(self.dp_du - self.normal * _dot(self.normal, self.dp_du))
         y = np.cross(self.normal, x)
         y *= np.where(_dot(y, self.dp_dv) < 0, -1.0, 1.0)  # where the texture is mirrored, so that y is toward +v
-        return np.stack([(directions * axis).sum(-1) for axis in (x, y, self.normal)], -1)
+        return x, y, self.normal
+
+    def local(self, directions: Array) -> Array:
+        """Directions (n, 3) of the scene in the frame of each point."""
+        return np.stack([(directions * axis).sum(-1) for axis in self.axes], -1)
 
     @property
     def wo(self) -> Array:
@@ -127,7 +133,7 @@ class Caster(Protocol):
     """A scene that can cast camera rays and sample its lights."""
 
     name: str
-    frames: int
+    frames: int  # how many
     picture: tuple[int, int]  # height and width in pixels
     samples: int  # samples of the lights at each point
 

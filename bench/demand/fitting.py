@@ -48,7 +48,7 @@ class Problem:
 
     @classmethod
     def for_codec(cls, codec: Codec, btf: BTF, demand: Demand, uniform: float = UNIFORM) -> "Problem":
-        """The problem of one codec; it does not depend on the codec's sizes."""
+        """The problem of one codec, whatever its sizes; `uniform` is as in `density_of`."""
         needed = NeededPart.for_demand(btf, demand, every_pair=not codec.interpolates)
         cut = needed.cut(btf)
         density = density_of(demand, cut.layout, needed.window, uniform)
@@ -91,7 +91,7 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
 
 def encode_of(codec: Codec, demand: Demand | None, uniform: float = UNIFORM) -> Encode:
     """What makes the parts of a codec's file: a fit to the demand if its settings ask for a scene, else its own
-    `encode`. `InputError` if they ask for a scene and there is no demand."""
+    `encode`. `uniform` is as in `density_of`. `InputError` if they ask for a scene and there is no demand."""
     require_demand(codec, demand)
     if not (codec.scene and demand):
         return codec.encode
@@ -155,7 +155,7 @@ class Search:
     scorer: FrameScorer
     fit: Callable[[], Fit]  # a fresh one for each fit
     folder: Path  # for the files of the search
-    uniform: float = UNIFORM
+    uniform: float = UNIFORM  # share of samples that is spread evenly
 
     @cached_property
     def problem(self) -> Problem:
@@ -164,7 +164,7 @@ class Search:
 
     def run(self, goal: Goal | None = None) -> SearchResult:
         """Search; the default goal is the PSNR of the full model less `EQUAL_DB`."""
-        full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
+        full = self.model(sized(self.codec, size_count(self.codec), scene=False), "full")
         goal = goal or Goal(psnr=full.psnr - EQUAL_DB)
         models = list(self.ladder(goal))
         seconds = sum(model.seconds for model in models)
@@ -192,7 +192,7 @@ class Search:
         Quality rises with size, so the smallest size that meets the goal is found by bisection. If the largest misses
         the goal, it is the only one.
         """
-        low, high = 1, steps_of(self.codec)  # the smallest size that meets the goal lies between, both included
+        low, high = 1, size_count(self.codec)  # the smallest size that meets the goal lies between, both included
         largest = self.model(sized(self.codec, high), f"scene{high}")
         yield largest
         if not goal.met(largest):
@@ -207,7 +207,7 @@ class Search:
                 low = middle + 1
 
     def model(self, codec: Codec, name: str) -> Model:
-        """Fit a codec, to the scene if its settings say so, else to the whole BTF; decode its file and score it."""
+        """Fit a codec, to the scene if its settings say so, else to the BTF; decode and score its file, `name`."""
         fit = self.fit()
         path = self.folder / f"{name}{container.SUFFIX}"
 
@@ -225,14 +225,14 @@ class Search:
         return Model(header, material, psnr_of_frames, score.get(FLIP), steps, seconds)
 
 
-def steps_of(codec: Codec) -> int:
+def size_count(codec: Codec) -> int:
     """The number of sizes that a codec can have: the value of its leading setting of size, 1 if it has no such one."""
     return int(getattr(codec.settings, codec.sizes[0])) if codec.sizes else 1
 
 
-def sized(codec: Codec, step: int, scene: bool = True) -> Codec:
-    """The codec, to be fitted to a scene or not, with its leading size at `step` and the others in proportion."""
-    share = step / steps_of(codec)
+def sized(codec: Codec, size: int, scene: bool = True) -> Codec:
+    """The codec, to be fitted to a scene or not, with its leading size at `size` and the others in proportion."""
+    share = size / size_count(codec)
     sizes = {}
     for name in codec.sizes:
         sizes[name] = max(1, round(share * getattr(codec.settings, name)))

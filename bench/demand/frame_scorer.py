@@ -93,7 +93,7 @@ class FrameScorer:
     btf: BTF  # the reference table
     demand: Demand
     show: Progress = silent
-    prepared: dict[str, list[Prepared]] = field(default_factory=dict)
+    prepared: dict[str, list[Prepared]] = field(default_factory=dict)  # by metric: the frames of the reference
 
     @cached_property
     def truth(self) -> Array:

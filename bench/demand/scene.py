@@ -108,7 +108,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Lamp:
-    """A disc of an environment, of a half angle."""
+    """A disc of light in an environment; `cone_deg` is its half angle in degrees."""
 
     toward: Vector
     cone_deg: Annotated[float, Range(0.01, 180)]

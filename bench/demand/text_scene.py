@@ -183,11 +183,8 @@ def _sphere_texture(surface: Surface, position: Array, local: Array) -> Texture:
     return Texture(uv, normal, east * per_u[:, None], dp_dv, ring > 1e-3)
 
 
-# A cloth that lies over a ball and falls in seven folds: a height over the plane.
-
-
 def _height(place: Array) -> Array:
-    """The height (…) of the cloth at places (…, 2) within ± `DRAPE_HALF`."""
+    """The height (…) of a drape at places (…, 2) within ± `DRAPE_HALF`: it lies over a ball and falls in folds."""
     x, y = place[..., 0], place[..., 1]
     square = x * x + y * y
     radius = np.sqrt(square)

@@ -182,6 +182,13 @@ def usable_device(name: str) -> str:
     return name
 
 
+def jobs_option(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add the option that `workers` takes as `jobs`; `what` are the jobs, in words."""
+    words = f"how many {what} at once, each in its own process (and on one of the GPUs); "
+    words += "0: as many as the cores allow (default: 1)"
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help=words)
+
+
 def workers(jobs: int, threads: int, device: str, limit: float | None = None) -> "Seats | None":
     """The workers that run `jobs` jobs at once, each with `threads` threads; None if the runner decides.
 
@@ -190,7 +197,7 @@ def workers(jobs: int, threads: int, device: str, limit: float | None = None) ->
     from bench.machine.threads import cores
     from bench.runs import executors
 
-    count = jobs if jobs else max(1, cores() // threads)
+    count = jobs or max(1, cores() // threads)
     if count == 1 and limit is None:  # only another process can be ended after a limit
         return None
     return partial(executors.processes, count, threads, device, limit)

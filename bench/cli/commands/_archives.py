@@ -91,8 +91,10 @@ def verify_archive(options: argparse.Namespace) -> int:
         except InputError as error:
             raise InputError(_naming_archive(str(error), scratch, options.archive)) from error
         materials = {job["material"] for job in submitted.jobs}
-        for name in sorted(places.keys() - materials):
-            raise InputError(f"--material {name}: the archive has no such material{did_you_mean(name, materials)}")
+        unknown = sorted(places.keys() - materials)
+        if unknown:
+            hint = did_you_mean(unknown[0], materials)
+            raise InputError(f"--material {unknown[0]}: the archive has no such material{hint}")
         make_folder(folder)
         verdicts = list(verify(submitted, folder, console.show, places))
     rows = []

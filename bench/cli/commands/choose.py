@@ -22,7 +22,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from bench.cli.commands import json_option, json_writer, say_line, several, usable_device, workers
+from bench.cli.commands import jobs_option, json_option, json_writer, say_line, several, usable_device, workers
 from bench.cli.commands._scene import demand_file, scene_options
 from bench.cli.console import Console
 from bench.codecs import container, shared
@@ -68,9 +68,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     scene_options(parser, "choose by the PSNR of the frames of a scene (--min-psnr is then theirs)")
     several(parser, "--codec", "fit and choose only this codec; repeatable")
     add("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
-    jobs = "how many fits at once, each in its own process (and on one of the GPUs); "
-    jobs += "0: as many as the cores allow (default: 1)"
-    add("--jobs", type=int, default=1, metavar="N", help=jobs)
+    jobs_option(parser, "fits")
     add("--suite", default="trade", help="the suite whose settings are fitted if missing (default: trade)")
     add("--out", type=Path, help="the folder of a `trade`, extended if need be (default: runs/SUITE)")
     add("--device", default="cpu", help="cpu or cuda (default: cpu)")
@@ -254,16 +252,18 @@ def _encode_command(suite: Suite, row: Timing, device: str, out: Path | None) ->
     return f"neubtf-bench {shlex.join([*words, '-o', str(file)])}"
 
 
-def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
-    """The size in bytes that an option gives: `300k`, `1.5M`, `20000`; None if it is not given.
-    `InputError` for any other text, and for less than a byte."""
-    text = getattr(options, word)
+def parse_bytes(options: argparse.Namespace, name: str) -> int | None:
+    """The size in bytes that an option gives, such as `300k`, `1.5M` or `20000`; None if it is not given.
+
+    `name` is that of its field, such as `max_bytes`. `InputError` for any other text, and for less than a byte.
+    """
+    text = getattr(options, name)
     if text is None:
         return None
     match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)B?", text)
     size = round(float(match[1]) * {"": 1, "k": 1_000, "M": 1_000_000}[match[2]]) if match else 0
     if size < 1:
-        raise InputError(f"--{word.replace('_', '-')} {text}: write a number, or a number with k or M, such as 300k")
+        raise InputError(f"--{name.replace('_', '-')} {text}: write a number, or a number with k or M, such as 300k")
     return size
 
 

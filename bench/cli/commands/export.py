@@ -19,12 +19,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from bench.cli.commands import say_line
 from bench.cli.console import Console
 from bench.codecs import container
-from bench.codecs.container import FORMAT
 from bench.codecs.loading import Loaded, load
 from bench.codecs.registry import make_codec
 from bench.demand.mitsuba.lobes import NAME, fitted, noise
@@ -53,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     if options.lobes:
         return _with_lobes(options, loaded)
     header = loaded.header
-    source = f"`{options.file.name}`: codec {header.codec}, version {header.version}, file format {FORMAT}"
+    source = f"`{options.file.name}`: codec {header.codec}, version {header.version}, file format {container.FORMAT}"
     source += f", sha256 {header.sha256} (as `neubtf-bench info` prints it)"
     source += f"; fitted to lights up to {loaded.material.lowest_light_deg:.0f}°"
     if header.scene:
@@ -92,8 +90,7 @@ def vectors(material: Material) -> Vectors:
     count = 5
     rng = np.random.default_rng(0)
     uv = rng.random((count, 2)).astype(np.float32)
-    wo = uniform(rng, count, 75.0).astype(np.float32)
-    wi = uniform(rng, count, 75.0).astype(np.float32)
+    wo = uniform(rng, count, 75.0)
+    wi = uniform(rng, count, 75.0)
     footprint = np.array([0, 0.125, 0, 0.125, 0], np.float32)
-    rgb = material.query(*(torch.from_numpy(each) for each in (uv, wo, wi, footprint)))
-    return Vectors(uv, wo, wi, footprint, rgb.numpy())
+    return Vectors(uv, wo, wi, footprint, material.query(uv, wo, wi, footprint))

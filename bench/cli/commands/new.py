@@ -54,8 +54,6 @@ _NEXT = {
     "neubtf-bench compare runs/tracking --update --out reference.jsonl\n"
     "neubtf-bench compare reference.jsonl runs/tracking",
 }
-
-
 # What the entry point of each kind names.
 _PLACES = {"codec": "{module}:{class_name}", "metric": "{module}:METRIC", "reader": "{module}"}
 

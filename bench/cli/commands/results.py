@@ -135,9 +135,9 @@ def _with_new_tables(path: Path, text: str) -> str:
     return _BLOCK.sub(made_again, text)
 
 
-def _table_options(path: Path, words: str) -> argparse.Namespace:
-    """The options of the command `words` of a document. `InputError` unless it is a `table` of one kind and of files,
-    as text or Markdown."""
+def _table_options(path: Path, words: str) -> tuple[argparse.Namespace, str | None, list[Path]]:
+    """The options, the kind (None: all) and the files of the command `words` of a document. `InputError` unless it is
+    a `table` of at most one kind and of files, as text or Markdown."""
     try:
         command, *rest = shlex.split(words)
     except ValueError as error:  # an open quote, or no word at all
@@ -151,14 +151,12 @@ def _table_options(path: Path, words: str) -> argparse.Namespace:
     kinds, sources = table.kinds_and_places(options.what)
     if command != "table" or len(kinds) > 1 or not sources or unknown or options.format not in ("text", "markdown"):
         raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
-    return options
+    return options, kinds[0] if kinds else None, sources
 
 
 def _printed_table(path: Path, words: str) -> str:
     """What the command `words` of a document prints, as Markdown: text in a fence, or a Markdown table as it is."""
-    options = _table_options(path, words)
-    kinds, sources = table.kinds_and_places(options.what)
-    kind = kinds[0] if kinds else None
+    options, kind, sources = _table_options(path, words)
     if kind == "parameters":
         text = table.parameters_table(sources, options.format, table.choice(options))
     else:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from bench.cli.commands import (
     assignments,
+    jobs_option,
     read_as,
     reading_options,
     seed_option,
@@ -45,9 +46,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=seed_option, action="append", default=[], metavar="SEED", help=only)
     add("--fresh", action="store_true", help="fit and score finished jobs again")
     add("--retry-failed", action="store_true", help="try failed jobs again")
-    jobs = "how many jobs at once, each in its own process (and on one of the GPUs); "
-    jobs += "0: as many as the cores allow (default: 1)"
-    add("--jobs", type=int, default=1, metavar="N", help=jobs)
+    jobs_option(parser, "jobs")
     add("--max-seconds", type=float, metavar="S", help="a job that takes longer fails (default: no limit)")
     dask = "run jobs on the workers of a Dask scheduler: its address, or the .json file that it wrote"
     add("--scheduler", metavar="ADDRESS", help=dask)

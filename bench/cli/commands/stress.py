@@ -83,7 +83,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _try_again(options: argparse.Namespace) -> int:
-    """Try one query or one drawn material, in the form that a failed property prints, on each codec."""
+    """Try one query or one drawn material, in the form that a failed property prints, on each codec; returns `FINE`, or
+    `NO` if one fails."""
     queries = _numbers("--query", options.query, float, 9)
     data = _numbers("--data", options.data, int, 6)
     if data and (min(data[:4]) < 1 or max(data[2:4]) > 81):
@@ -113,7 +114,7 @@ def _try_again(options: argparse.Namespace) -> int:
 
 
 def _numbers(option: str, text: str | None, kind: type, wanted: int) -> list[Any]:
-    """The numbers that an option gives, exactly as many as wanted; none if it is not given."""
+    """The numbers of that kind, `float` or `int`, that an option gives, exactly as many as wanted; none without it."""
     if text is None:
         return []
     try:

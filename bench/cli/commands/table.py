@@ -109,7 +109,7 @@ def choice(options: argparse.Namespace) -> Choice | None:
     return Choice(options.codec, options.column, new_names(options.name), options.material, options.against)
 
 
-def parameters_table(folders: list[Path], format: str, choice: Choice | None = None) -> str:
+def parameters_table(folders: list[Path], format: str, chosen: Choice | None = None) -> str:
     """The table of parameters: a row for every codec as published, and one for each job of the runs.
 
     Without folders it is of the newest run, if there is one. A job has the times of a sample that its run measured.
@@ -126,7 +126,7 @@ def parameters_table(folders: list[Path], format: str, choice: Choice | None = N
     from bench.conformance.verdicts import job_of_counts  # it imports PyTorch, which no other table needs
 
     counted = [cast(TimedJob, job_of_counts(name)) for name in PUBLISHED if name in codec_entries()]
-    return parameters_text([*counted, *jobs], format, choice)
+    return parameters_text([*counted, *jobs], format, chosen)
 
 
 def _timed_jobs(run: Run, on_gpu: dict[str, Timing]) -> list[TimedJob]:
@@ -146,7 +146,7 @@ def _timed_jobs(run: Run, on_gpu: dict[str, Timing]) -> list[TimedJob]:
     return jobs
 
 
-def _paper_table(folders: list[Path], format: str, choice: Choice | None, whole: bool) -> str:
+def _paper_table(folders: list[Path], format: str, chosen: Choice | None, whole: bool) -> str:
     """The table of quality beside the paper's, and for each material that is not measured what is to be done.
 
     Without folders it is of runs/paper and runs/paper-nearest, as far as they are there.
@@ -158,9 +158,9 @@ def _paper_table(folders: list[Path], format: str, choice: Choice | None, whole:
     for spec in load_suite("paper").materials:
         there = f"{spec.path} is there: `neubtf-bench run paper` measures it"
         absent[spec.name] = there if spec.existing_path() else f"{spec.path} is not there: {spec.where}"
-    if choice:
-        run = choice.of_run(run)
-    return paper_text(run, absent, format, choice, whole)
+    if chosen:
+        run = chosen.of_run(run)
+    return paper_text(run, absent, format, chosen, whole)
 
 
 def _newest_run(kind: str | None) -> Path:

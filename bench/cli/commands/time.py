@@ -47,7 +47,6 @@ def run(options: argparse.Namespace) -> int:
             time_variants(suite, folder, device, options.minutes, console.show)
         else:
             time_settings(suite, folder, device, console.show)
-
         console.say(table_text(folder, kind="times"))
         console.say(f"wrote {folder}")
     return FINE

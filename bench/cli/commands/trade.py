@@ -43,7 +43,6 @@ def run(options: argparse.Namespace) -> int:
         states = run_and_measure(suite, run_options, console.ended, emulated=options.emulated, noise=options.noise)
         if "ok" not in states:
             return NOTHING
-
         files = write_report(folder).files
         console.say(table_text(folder, kind="trade"))
         console.say("\n".join(f"wrote {path}" for path in files))

@@ -50,7 +50,7 @@ def material(radiance: Array, wo: Array | None = None, wi: Array | None = None) 
 
 
 def painted(radiance: Array, place: Any, value: float = HALF_MAX) -> BTF:
-    """The material of a radiance (81, 8, 8, 3) with one value, by default the largest half, at some places."""
+    """The material of a radiance (81, 8, 8, 3) with one value, by default the largest half, at an index `place`."""
     repainted = radiance.copy()
     repainted[place] = value
     return material(repainted)
@@ -253,7 +253,7 @@ MEAN = "no worse than mean-colour"
 NO_WORSE = f"{MEAN}, or closer than half a step of 8 bits"
 
 
-def data(
+def case(
     name: str,
     make: Callable[[], BTF],
     test: Callable[[Encoded], Measured] = no_worse,
@@ -261,7 +261,7 @@ def data(
     holds: str = NO_WORSE,
     unphysical: bool = False,
 ) -> Case:
-    """A case: its name, the function that makes it, and what must hold of it after decoding."""
+    """A case of this group: how its BTF is made, and the test of what it is decoded to; see `Case`."""
     return Case("data", name, holds, lambda subject: test(subject.encode(make())), cheap, unphysical)
 
 
@@ -269,33 +269,31 @@ OTHERS_NO_WORSE = "the other texels, by themselves, no worse than their mean col
 STORED = f"{MEAN}, after five times the steps, or refused by an error that names them"
 ONE_PAIR = f"{MEAN}, exact here, or than the codec on the ordinary material, after three times its steps"
 SAME_UNSCALED = f"the quality of the same data unscaled, within {SAME_DB} dB (above {EXACT_DB:.0f} dB all are equal)"
-
-
 CASES = (
-    data("all zero", lambda: material(np.zeros_like(values())), cheap=True),
-    data("two constants", two_constants, constants_hold, cheap=True, holds="every value within 10 %", unphysical=True),
-    data("one texel", lambda: material(values()[:, :1, :1]), cheap=True),
+    case("all zero", lambda: material(np.zeros_like(values())), cheap=True),
+    case("two constants", two_constants, constants_hold, cheap=True, holds="every value within 10 %", unphysical=True),
+    case("one texel", lambda: material(values()[:, :1, :1]), cheap=True),
     Case("data", "one pair", ONE_PAIR, one_pair_holds),
-    data("one row", lambda: material(values()[:, :1])),
-    data("3 × 1,001 texels", long_strip),
-    data("rank one", lambda: material(values()[:1] * values()[:, 3:4, 4:5, 1:2])),
+    case("one row", lambda: material(values()[:, :1])),
+    case("3 × 1,001 texels", long_strip),
+    case("rank one", lambda: material(values()[:1] * values()[:, 3:4, 4:5, 1:2])),
     *(
         # By powers of two, which change no digit: what differs then is the codec's, and no fit that went elsewhere.
         Case("data", f"scaled by 2^{power}", SAME_UNSCALED, partial(same_quality, 2.0**power))
         for power in (-27, -13, 13)
     ),
     # A quarter of the texels in eight views of nine.
-    data("65,504 beside zeros", lambda: painted(np.zeros_like(values()), np.s_[:-9, ::2, ::2]), unphysical=True),
-    data("random highlights of 65,504", lambda: painted(values(), np.random.default_rng(0).random((81, 8, 8)) < 0.5)),
+    case("65,504 beside zeros", lambda: painted(np.zeros_like(values()), np.s_[:-9, ::2, ::2]), unphysical=True),
+    case("random highlights of 65,504", lambda: painted(values(), np.random.default_rng(0).random((81, 8, 8)) < 0.5)),
     Case("data", "highlights of 1e6", STORED, stored_or_refused, unphysical=True),
-    data("subnormal halves", lambda: material((values() * 2.0**-15).astype(np.float16))),  # in steps of 2⁻²⁴
-    data("one firefly texel", firefly, others_no_worse, cheap=True, holds=OTHERS_NO_WORSE),
-    data("negative noise below 1e-3", negative_noise, holds=f"negative radiance is answered as 0; else {MEAN}"),
-    data("identical pairs twice", lambda: of_pairs(np.tile(np.arange(81), 2))),
-    data("black seen from above", black_from_above),
-    data("views only at the zenith", lambda: of_pairs(np.flatnonzero(ordinary().wo[:, 2] > 0.999))),
+    case("subnormal halves", lambda: material((values() * 2.0**-15).astype(np.float16))),  # in steps of 2⁻²⁴
+    case("one firefly texel", firefly, others_no_worse, cheap=True, holds=OTHERS_NO_WORSE),
+    case("negative noise below 1e-3", negative_noise, holds=f"negative radiance is answered as 0; else {MEAN}"),
+    case("identical pairs twice", lambda: of_pairs(np.tile(np.arange(81), 2))),
+    case("black seen from above", black_from_above),
+    case("views only at the zenith", lambda: of_pairs(np.flatnonzero(ordinary().wo[:, 2] > 0.999))),
     # Brighter than Fresnel lets the base layer be at 89°.
-    data("lights only at grazing", grazing_lights, unphysical=True),
+    case("lights only at grazing", grazing_lights, unphysical=True),
     Case("data", "NaN and infinite texels", "an error that says how many and where", refused, cheap=True),
     Case("data", "NaN texels, repaired", f"masked, said so; {MEAN}", mended),
 )

@@ -51,12 +51,12 @@ def finite(subject: Subject) -> None:
 
 
 def tilted(directions: Tensor, angle: float, seed: int) -> Tensor:
-    """Unit directions (n, 3), each turned by an angle towards a random side."""
+    """Unit directions (n, 3) float32, each turned by a small angle in radians towards a random side."""
     generator = torch.Generator().manual_seed(seed)
     random = torch.randn(directions.shape, generator=generator, dtype=torch.float64)
-    # Its part across each direction.
-    along = functional.normalize(random - directions * (random * directions).sum(1, keepdim=True), dim=1)
-    return functional.normalize(directions + angle * along, dim=1).float()
+    # Unit vectors across each direction.
+    across = functional.normalize(random - directions * (random * directions).sum(1, keepdim=True), dim=1)
+    return functional.normalize(directions + angle * across, dim=1).float()
 
 
 def across_wrap() -> tuple[Queries, Queries]:
@@ -76,11 +76,11 @@ def across_zenith() -> tuple[Queries, Queries]:
     azimuth = torch.linspace(0, 2 * torch.pi, MANY, dtype=torch.float64)
     offset = torch.stack([azimuth.cos(), azimuth.sin(), torch.zeros_like(azimuth)], 1) * STEP / 2
     up = torch.tensor([0.0, 0.0, 1.0])
-    view = (torch.arange(MANY) % 2 == 0)[:, None]
+    moves_view = (torch.arange(MANY) % 2 == 0)[:, None]
 
     def beside(direction: Tensor) -> Queries:
         """The queries with these directions (n, 3) as the view of even ones, and as the light of odd ones."""
-        return queries._replace(wo=direction.where(view, queries.wo), wi=queries.wi.where(view, direction))
+        return queries._replace(wo=direction.where(moves_view, queries.wo), wi=queries.wi.where(moves_view, direction))
 
     return beside((up + offset).float()), beside((up - offset).float())
 

@@ -16,7 +16,7 @@ from bench.codecs.encoding import fit_codec
 from bench.conformance.check import CheckError
 from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, applicable, require
 from bench.conformance.stress.data import SAME_RATIO, firefly, ordinary
-from bench.conformance.stress.queries import Queries, grazing, query_in_words, spread
+from bench.conformance.stress.queries import UP, Queries, grazing, query_in_words, spread, with_directions
 from bench.material import HALF_MAX, Material
 from bench.metrics.display import display_error, exposure_of
 from bench.metrics.psnr import psnr
@@ -206,7 +206,7 @@ def gradients_at_zero(subject: Subject) -> None:
             leaves.append(getattr(material, name))
     for leaf in leaves:
         leaf.data.zero_()
-    queries = spread()._replace(wo=torch.tensor([0.0, 0.0, 1.0]).expand(64, 3).clone())
+    queries = with_directions(wo=UP)()
     inputs = [column.clone().requires_grad_() for column in queries]
     material.evaluate(*inputs).sum().backward()
     for leaf in (*leaves, *inputs):
@@ -237,18 +237,18 @@ def trained_with_firefly(subject: Subject) -> Measured:
     return Measured(f"{change + 0.0:+.1f} dB")  # avoids −0.0
 
 
-def network(name: str, test: Test, holds: str = FINITE, cheap: bool = True) -> Case:
-    """A case of this group: its name, the test, and what must hold."""
+def case(name: str, test: Test, holds: str = FINITE, cheap: bool = True) -> Case:
+    """A case of this group; see `Case`."""
     return Case("networks", name, holds, test, cheap)
 
 
 CASES = (
-    *(network(name, partial(spoiled, make)) for name, make in SPOILED.items() if make is not large_arguments),
-    network("sine of 1e5", exact_sine, f"{FINITE}; the sine of a float within 2⁻²³"),
-    network("gradients at exact zero", gradients_at_zero, "finite"),
-    *(network(f"{name}, all of the above", partial(short_float, dtype=dtype)) for name, dtype in SHORT_FLOATS.items()),
-    network("int8 texture, all of the above", eight_bits, cheap=False),
-    network(
+    *(case(name, partial(spoiled, make)) for name, make in SPOILED.items() if make is not large_arguments),
+    case("sine of 1e5", exact_sine, f"{FINITE}; the sine of a float within 2⁻²³"),
+    case("gradients at exact zero", gradients_at_zero, "finite"),
+    *(case(f"{name}, all of the above", partial(short_float, dtype=dtype)) for name, dtype in SHORT_FLOATS.items()),
+    case("int8 texture, all of the above", eight_bits, cheap=False),
+    case(
         "fitted with a firefly (reported)",
         trained_with_firefly,
         "the other texels no worse than mean-colour; by how much their PSNR changes is reported",

@@ -164,47 +164,45 @@ def query_in_words(queries: Queries, row: int) -> str:
     return f'--query "{listed}"'
 
 
-def query(
+def case(
     name: str, make: Callable[[], Queries], holds: Callable[[Subject, Queries], None] = bounded, cheap: bool = True
 ) -> Case:
-    """A case: its name, how the queries are made, and what must hold of the answers."""
+    """A case of this group: how its queries are made, and the expectation that their answers must meet; see `Case`."""
     return Case("queries", name, holds.__doc__ or "", lambda subject: holds(subject, make()), cheap)
 
 
 def not_above_horizon() -> Queries:
     """Views and lights in turns at z = 0, at −0 and below."""
     queries = spread()
-    side = torch.arange(COUNT) // 4 % 2 == 0  # the views of four queries are moved, then the lights of four
+    moves_view = (torch.arange(COUNT) // 4 % 2 == 0)[:, None]  # of four queries the views, then of four the lights
     flat = grazing(90.0)
     flat[:, 2] = torch.tensor([0.0, -0.0, -1e-30, 0.0]).repeat(COUNT // 4)
     turned_down = queries.wo * torch.tensor([1.0, 1.0, -1.0])
     is_flat = torch.arange(COUNT)[:, None] % 4 < 3  # every fourth one lies far below
     not_above = flat.where(is_flat, turned_down)
-    return queries._replace(
-        wo=not_above.where(side[:, None], queries.wo), wi=not_above.where(~side[:, None], queries.wi)
-    )
+    return queries._replace(wo=not_above.where(moves_view, queries.wo), wi=queries.wi.where(moves_view, not_above))
 
 
 SAME_PLACE = "the answer at 0, within rounding"
 CASES = (
-    query("view at 89.99°", with_directions(wo=grazing())),
-    query("light at 89.99°", with_directions(wi=grazing())),
-    query("view and light at 89.99°", with_directions(grazing(), grazing())),
-    query("view and light barely above z = 0", with_directions(barely_above(), barely_above())),
-    query("ω_o = ω_i", light_of_view(1.0, 1.0, 1.0)),
-    query("light mirrored to the view", light_of_view(-1.0, -1.0, 1.0)),
-    query("light opposite to the view", light_of_view(-1.0, -1.0, -1.0), dark),
-    query("view at the zenith", with_directions(wo=UP)),
-    query("light at the zenith", with_directions(wi=UP)),
-    query("view and light at the zenith", with_directions(UP, UP)),
-    query("z = 0 and below", not_above_horizon, dark),
-    query("direction not of unit length", spread, refused),
+    case("view at 89.99°", with_directions(wo=grazing())),
+    case("light at 89.99°", with_directions(wi=grazing())),
+    case("view and light at 89.99°", with_directions(grazing(), grazing())),
+    case("view and light barely above z = 0", with_directions(barely_above(), barely_above())),
+    case("ω_o = ω_i", light_of_view(1.0, 1.0, 1.0)),
+    case("light mirrored to the view", light_of_view(-1.0, -1.0, 1.0)),
+    case("light opposite to the view", light_of_view(-1.0, -1.0, -1.0), dark),
+    case("view at the zenith", with_directions(wo=UP)),
+    case("light at the zenith", with_directions(wi=UP)),
+    case("view and light at the zenith", with_directions(UP, UP)),
+    case("z = 0 and below", not_above_horizon, dark),
+    case("direction not of unit length", spread, refused),
     Case("queries", "uv = ±1e6", far_uv.__doc__ or "", far_uv, cheap=True),
     Case("queries", "uv = −0.0", SAME_PLACE, partial(edge_uv, -0.0), cheap=True),
     Case("queries", "uv = 1 − 2⁻²⁴", SAME_PLACE, partial(edge_uv, 1 - 2**-24), cheap=True),
-    query("footprint 0", footprint(0.0)),
-    query("footprint 1e-9", footprint(1e-9)),
-    query("footprint 10", footprint(10.0)),
+    case("footprint 0", footprint(0.0)),
+    case("footprint 1e-9", footprint(1e-9)),
+    case("footprint 10", footprint(10.0)),
     Case("queries", "batch of 0", "no answer", partial(batch_of, 0), cheap=True),
     Case("queries", "batch of 1", "the same answer as in a larger batch", partial(batch_of, 1), cheap=True),
     Case("queries", "batch of 2²² + 1", "the same answers as in a smaller batch", partial(batch_of, (1 << 22) + 1)),

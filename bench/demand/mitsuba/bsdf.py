@@ -236,5 +236,5 @@ class _Answers:
 
 @cache
 def _plugin(variant: str) -> type:
-    """The class of the plug-in: Mitsuba's classes belong to a variant, and allow no second base."""
+    """The class of the plug-in in the current `variant`: Mitsuba's classes belong to one, and allow no second base."""
     return type("NeuBTF", (mi.BSDF,), {name: value for name, value in vars(_Answers).items() if callable(value)})

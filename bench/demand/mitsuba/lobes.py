@@ -120,8 +120,8 @@ def drawn(
     cell = torch.arange(cells * cells).repeat_interleave(views)
     place = torch.from_numpy(rng.random((len(cell), 2), np.float32))
     uv = torch.stack([(cell % cells + place[:, 0]) / cells, 1 - (cell // cells + place[:, 1]) / cells], 1)
-    wo = torch.from_numpy(uniform(rng, len(cell), LOWEST_VIEW)).float()
-    wi = torch.from_numpy(uniform(rng, len(cell) * lights, LOWEST_LIGHT)).float()
+    wo = torch.from_numpy(uniform(rng, len(cell), LOWEST_VIEW))
+    wi = torch.from_numpy(uniform(rng, len(cell) * lights, LOWEST_LIGHT))
     # Each place and view once for each of its lights.
     cell = cell.repeat_interleave(lights, 0)
     uv = uv.repeat_interleave(lights, 0)
@@ -150,9 +150,8 @@ class Noise:
     largest_albedo: float  # the largest radiance of any view and place under a uniform environment of radiance 1
 
 
-@torch.no_grad()
 def noise(material: Material, lobes: Tensor, seed: int = 1, lights: int = 1024) -> Noise:
-    """The noise of lobes (cells, cells, 5), by quadrature over `lights` directions of each view, none of the fit's."""
+    """The noise of lobes (cells, cells, 5), by quadrature over `lights` directions of each view, drawn by `seed`."""
     cosine, mixed, albedo = _variances(material, lobes.reshape(-1, lobes.shape[2]), lights, np.random.default_rng(seed))
     ratios = mixed / cosine.clamp_min(1e-12)
     return Noise(float(mixed.sum() / cosine.sum()), float(ratios.median()), float(albedo.max()))

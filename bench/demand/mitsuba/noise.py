@@ -50,21 +50,21 @@ class _Way:
     seconds: list[float] = field(default_factory=list)  # of one sample of all pixels, as timed again and again
 
 
-def reached(file: Path, drawn: Sequence[Tensor | None], picture: Picture = Picture()) -> list[Reached]:
+def reached(file: Path, lobes: Sequence[Tensor | None], picture: Picture = Picture()) -> list[Reached]:
     """The figures of a codec file for each of several lobes (cells, cells, 5); None draws by the cosine. All take
     turns. Raises `InputError` if Mitsuba cannot run here, the file cannot be recorded, or the picture is black."""
     set_variant()
     properties = mi.Properties(NAME)
     properties["filename"], properties["repeat"] = str(file), REPEAT
     bsdf = register()(properties)
-    loaded = _loaded(bsdf, picture.side)
-    ways = [_Way(lobes) for lobes in drawn]
+    scene = _ball(bsdf, picture.side)
+    ways = [_Way(each) for each in lobes]
 
     def render(way: _Way, samples: int, seed: int) -> tuple[np.ndarray, float]:
         """A picture (H, W, 3) drawn in one way, and the processor time that it took, in s."""
         bsdf.draw_from(way.lobes)
         start = time.process_time()
-        colours = np.asarray(mi.render(loaded, spp=samples, seed=seed))[..., :3]
+        colours = np.asarray(mi.render(scene, spp=samples, seed=seed))[..., :3]
         return colours, time.process_time() - start
 
     long = picture.samples + picture.timed
@@ -94,7 +94,7 @@ def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
     return Reached(needed, needed * max(seconds, 0.0))
 
 
-def _loaded(bsdf: Any, side: int) -> Any:
+def _ball(bsdf: Any, side: int) -> Any:
     """A ball with a BSDF under an even sky, as Mitsuba renders it; the picture has `side`² pixels."""
     place = mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1])  # from, to, up
     film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}

@@ -83,9 +83,9 @@ def launches(
     """Slices (n, H, W, 3) float32 of a surface at N pairs, one launch at a time.
 
     They are linear Rec. 709 f_r · cos θ_i with inter-reflections. `wo` and `wi` are (N, 3) unit vectors with z > 0;
-    `size` is (H, W), rows at the top first; `depth` counts the edges of a path (2: direct light alone). The same seed
-    gives the same values, however pairs are grouped into launches. Raises `InputError` for directions below the horizon
-    and reliefs too deep to surround.
+    `size` is (H, W), rows at the top first; each texel is the mean of `sub_points`² paths of at most `depth` edges (2:
+    direct light alone). The same seed gives the same values, however pairs are grouped into launches. Raises
+    `InputError` for directions below the horizon and reliefs too deep to surround.
     """
     if wo.shape != wi.shape or not (np.minimum(wo[:, 2], wi[:, 2]) > 0).all():
         raise InputError("wo and wi must have the same number of directions, all above the horizon (z > 0)")
@@ -142,7 +142,7 @@ def shading(o: Values, base: Values, roughness: Values, metal: Values, specular:
 
 
 def reflect(here: Shading, i: Values) -> Values:
-    """f_r · cos θ_i (mi.Color3f) toward the points' `o`; 0 from below the tangent plane."""
+    """f_r · cos θ_i (mi.Color3f) of the points, toward their `o` for light from `i`; 0 from below the tangent plane."""
     o = here.o
     i_n = at_least(0, i.z)
     between = at_least(1e-6, 0.5 + 0.5 * dr.dot(here.seen, i))  # (o·h)²
@@ -171,7 +171,7 @@ def at_least(low: float, x: Values) -> Values:
 
 
 def _cosine(place: Values) -> Values:
-    """A direction drawn in proportion to its cosine (Malley)."""
+    """A direction drawn in proportion to its cosine, by two numbers in [0, 1) (Malley)."""
     x, y = _disc(place)
     return mi.Vector3f(x, y, dr.sqrt(at_least(0, 1 - x * x - y * y)))
 
@@ -200,7 +200,7 @@ def _visible_normal(here: Shading, o: Values, place: Values) -> Values:
     """A half vector drawn in proportion to D(h) · (o·h)⁺ (Heitz 2018, appendix A).
 
     The view is stretched to a hemisphere of roughness 1, whose projection along the view is half a disc and half an
-    ellipse. A point drawn there gives a normal, which is stretched back.
+    ellipse. A point drawn there, by the two numbers in [0, 1) of `place`, gives a normal, which is stretched back.
     """
     v = dr.normalize(mi.Vector3f(here.alpha_t * o.x, here.alpha_b * o.y, o.z))
     side = v.x * v.x + v.y * v.y
@@ -347,7 +347,10 @@ def _triangles(vertices: Array) -> Any:
 
 @dr.syntax
 def _follow(tracer: PathTracer, ray: Values, wi: Values, generator: Values, first: Values, depth: Values) -> Values:
-    """The radiance (mi.Color3f) of paths that start with `ray`, under unit light from `wi`."""
+    """The radiance (mi.Color3f) of paths of up to `depth` edges that start with `ray`, under unit light from `wi`.
+
+    Directions are drawn by `first`, three numbers in [0, 1), at the first point of a path, then by the `generator`.
+    """
     value, weight = mi.Color3f(0), mi.Color3f(1)  # the radiance so far, and what arrives of a point's light
     edges, active = mi.UInt32(1), mi.Bool(True)
     # Each turn goes to the next point of a path, adds the light that it receives directly, and draws a new direction.
