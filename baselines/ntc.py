@@ -100,16 +100,18 @@ class NTC(Codec):
         bits = settings.bits
         network = load_network(Decoder(settings.architecture), parts.decoder)
         size = tuple(parts.other["size"].tolist())
+        if min(size) < 1:
+            raise InputError(f"it has {size[0]} × {size[1]} texels: encode it again")
         grids = []
         for name, (rows, cols) in zip(GRIDS, grid_sizes(size, settings.reduction), strict=True):
             packed = parts.texture[name]
             features = getattr(settings, name)  # a setting is named as its grid
             count = rows * cols * features
             expected_bytes = (count * bits + 7) // 8  # of all codes, rounded up
-            if min(size) < 1 or packed.shape != (expected_bytes,):
+            if packed.shape != (expected_bytes,):
                 raise InputError(f"its {name} grid does not fit {size[0]} × {size[1]} texels: encode it again")
             values = values_of(unpack_bits(packed, count, bits), bits)
-            grids.append(values.reshape(rows * cols, -1))
+            grids.append(values.reshape(rows * cols, features))
         return NTCMaterial(network, size, grids, float(parts.other["gain"]), settings).to(device)
 
 

@@ -67,6 +67,7 @@ class Measure(NamedTuple):
     sparse: bool = False  # whether to leave the column out if no row has a number for it
     timed: bool = False  # whether it is a time, which gets a star and no mark if it was measured apart from the others
     stated: bool = False  # whether it is a statistic over slices, which may be exact or not applicable
+    of_frames: bool = False  # whether it is a metric of frames, which may be so, too
     deviation: bool = True  # whether to show the deviation over seeds
     whole_only: bool = False  # whether it says nothing about a scene, so that models of a scene are not marked in it
 
@@ -138,23 +139,34 @@ class Measure(NamedTuple):
         return counted(None if isnan(record[self.field]) else record[self.field])
 
     def _value_or_why(self, record: Mapping[str, Any]) -> tuple[float, str]:
-        """The number of one record, infinite if it is exact; without one NaN, and a word that says why, or ""."""
+        """The number of one record, infinite if it is exact, also where lower is better; without one NaN, and a word
+        that says why, or ""."""
         value = record[self.field]
         if self.timed and record["unlike time"] and not isnan(value):
             return nan, NOT_COMPARABLE
-        if self.field.startswith("scene/metrics/") and isnan(value) and isinstance(record["scene/name"], str):
-            # A PSNR is missing where there is no error, another metric where no pixel's window lies in a frame.
-            is_exact = in_decibels(self.field.rpartition("/")[2])
-            return (inf, "") if is_exact else (nan, NOT_APPLICABLE)
-        if self.stated:
-            group = self.field.rpartition("/")[0]
-            counts = {name: record[f"{group}/{name}"] for name in ("exact", "slices")}
-            if all_exact(counts):
-                return inf, ""
-            may_be_absent = self.field.endswith("/worst")  # older records lack it
-            if isnan(value) and not isnan(counts["slices"]) and not may_be_absent:
-                return nan, NOT_APPLICABLE
-        return value, ""
+        if self.of_frames:
+            return self._of_frames(value, record)
+        return self._of_slices(value, record) if self.stated else (value, "")
+
+    def _of_frames(self, value: float, record: Mapping[str, Any]) -> tuple[float, str]:
+        """As `_value_or_why`, of a metric of frames."""
+        has_scene = isinstance(record["scene/name"], str)  # NaN without one
+        if not has_scene or not isnan(value):
+            return value, ""
+        # A PSNR is missing where there is no error, another metric where no pixel's window lies in a frame.
+        metric = self.field.rpartition("/")[2]
+        return (inf, "") if in_decibels(metric) else (nan, NOT_APPLICABLE)
+
+    def _of_slices(self, value: float, record: Mapping[str, Any]) -> tuple[float, str]:
+        """As `_value_or_why`, of a statistic over slices."""
+        statistics = self.field.rpartition("/")[0]
+        counts = {name: record[f"{statistics}/{name}"] for name in ("exact", "slices")}  # NaN where not measured
+        if all_exact(counts):
+            return inf, ""
+        may_be_absent = self.field.endswith("/worst")  # older records lack it
+        was_measured = not isnan(counts["slices"])
+        why = NOT_APPLICABLE if isnan(value) and was_measured and not may_be_absent else ""
+        return value, why
 
 
 _PARAMETERS = Measure("decoder", "param.", "parameters")
@@ -344,7 +356,8 @@ def _scene(material: MaterialRows) -> list[Measure]:
     for name in job["scene"]["metrics"]:
         if not is_relative(name):
             unit = _unit_and_arrow(facts_of(job, name))
-            measures.append(Measure(f"frames {label_of(name)}", unit, f"scene/metrics/{name}", _decimals(name)))
+            field, digits = f"scene/metrics/{name}", _decimals(name)
+            measures.append(Measure(f"frames {label_of(name)}", unit, field, digits, of_frames=True))
     for name in metrics_of(job, "scene"):  # the group of the pairs that the scene uses
         if not is_relative(name):
             unit = _unit_and_arrow(facts_of(job, name))

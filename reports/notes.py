@@ -101,10 +101,8 @@ def _shared_notes(material: MaterialRows) -> Iterator[Note]:
 
 
 def common_notes(material: MaterialRows) -> list[str]:
-    """Footnotes common to all tables of a material: on exact slices, and on rows that cannot be compared.
-
-    An exact slice has no error, so that its PSNR would be infinite.
-    """
+    """Footnotes of each table that shows the quality of a material: on exact slices, which have no error, so that their
+    PSNR would be infinite, and on rows that cannot be compared."""
     exact_notes: list[str] = []
     for row in material.measured:
         stats = row.stats(row.deciding_group, PSNR)

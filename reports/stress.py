@@ -112,7 +112,7 @@ class _Cells:
         if record["verdict"] == "n/a":
             return f"n/a {self.letters[record['detail']]}"
         if record["verdict"] == "pass" and extreme.endswith(REPORTED):
-            return str(record["figure"])
+            return record["figure"]
         word = WORDS[record["verdict"]]
         return f"{word} {record['figure']}" if record["figure"] else word
 

@@ -95,8 +95,9 @@ def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
     files: list[Path] = []
     inline_figures = []  # of each figure: the name of its material, and its SVG
     for figure in history_figures(runs):
-        files += _write_figure(figure, folder, VECTOR)
-        svg = figure.vector("svg").decode()
+        written = _write_figure(figure, folder, VECTOR)
+        files += written
+        (svg,) = [path.read_text(encoding="utf-8") for path in written if path.suffix == ".svg"]
         without_declaration = "<svg" + svg.partition("<svg")[2]  # HTML allows no XML declaration inside
         inline_figures.append((figure.material, without_declaration))
     page = TEMPLATES.get_template("history.html").render(figures=inline_figures)

@@ -51,7 +51,7 @@ class CheckError(AssertionError):
 
 
 def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
-    """A small smooth material in closed form: coloured checks, Lambert plus a broad highlight; periodic."""
+    """A small smooth material in closed form: coloured waves, Lambert plus a broad highlight; periodic."""
     wo, wi = thinned_product(ubo2003(), views, lights)
     row, col = np.mgrid[:size, :size] / size
     values = tiny_radiance(row, col, wo[:, None, None], wi[:, None, None]).astype(np.float32)

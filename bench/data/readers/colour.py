@@ -278,14 +278,14 @@ def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
 
 
 def _refuse_flat(chromaticities: tuple[float, ...], label: str, field: str) -> None:
-    """Raise an `InputError` if the primaries that `field` of a picture states lie on one line, or have a y near 0."""
-    # Every second number is a y. None may be near 0, because x and 1 − x − y are divided by it.
-    spans_colours = min(abs(y) for y in chromaticities[1::2]) >= 1e-3
-    if spans_colours:
-        # Primaries on one line have the determinant 0: the matrix to XYZ then has no inverse.
-        primaries, _ = _in_xyz(chromaticities)
-        spans_colours = abs(np.linalg.det(primaries)) >= 1e-3
-    if not spans_colours:
+    """Raise an `InputError` if the primaries that `field` of a picture states lie on one line, or its white has a y
+    near 0."""
+    white_y = chromaticities[-1]
+    if abs(white_y) < 1e-3:  # the white is divided by it
+        raise InputError(f"{label}: the white of its {field} has no light (y = {white_y:g}): save it without")
+    # The determinant is twice the area between the primaries in x and y: on one line, their matrix has no inverse.
+    primaries, _ = _in_xyz(chromaticities)
+    if abs(np.linalg.det(primaries)) < 1e-3:
         raise InputError(f"{label}: the primaries of its {field} span no colours: save it without")
 
 
@@ -379,8 +379,7 @@ def _to_xyz(chromaticities: tuple[float, ...]) -> Array:
 
 
 def _in_xyz(chromaticities: tuple[float, ...]) -> tuple[Array, Array]:
-    """The primaries in CIE XYZ, the columns of (3, 3), and the white (3,), each with Y = 1."""
+    """The primaries in CIE XYZ, the columns of (3, 3), each with X + Y + Z = 1, and the white (3,), with Y = 1."""
     xy = np.reshape(chromaticities, (4, 2))
-    # X, Y and Z of each: x / y, 1 and (1 − x − y) / y.
-    columns = np.stack([xy[:, 0] / xy[:, 1], np.ones(4), (1 - xy.sum(1)) / xy[:, 1]])
-    return columns[:, :3], columns[:, 3]
+    columns = np.stack([xy[:, 0], xy[:, 1], 1 - xy.sum(1)])
+    return columns[:, :3], columns[:, 3] / xy[3, 1]

@@ -137,6 +137,20 @@ def test_primaries_of_chrm_and_adobe_rgb_by_exif_are_converted(tmp_path):
     assert colour_note(FolderFiles(tmp_path), "c.png") == ""
 
 
+def test_primaries_beyond_all_colours_are_converted(tmp_path):
+    # ProPhoto RGB, whose blue has a y of 0.0001, by Lindbloom's matrices to XYZ under D50, and from there to sRGB.
+    to_xyz = [[0.7976749, 0.1351917, 0.0313534], [0.2880402, 0.7118741, 0.0000857], [0.0, 0.0, 0.8252100]]
+    to_srgb = [
+        [3.1338561, -1.6168667, -0.4906146],
+        [-0.9787684, 1.9161415, 0.0334540],
+        [0.0719453, -0.2289914, 1.4052427],
+    ]
+    expected = np.clip(CODES / 255 @ np.transpose(to_xyz) @ np.transpose(to_srgb), 0, 1)
+    primaries = struct.pack(">8I", 34570, 35850, 73470, 26530, 15960, 84040, 3660, 10)
+    path = with_chunks(tmp_path / "a.png", CODES, (b"gAMA", struct.pack(">I", 100000)), (b"cHRM", primaries))
+    np.testing.assert_allclose(read(path), expected, atol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("chunk", "bits", "message"),
     [
@@ -144,7 +158,8 @@ def test_primaries_of_chrm_and_adobe_rgb_by_exif_are_converted(tmp_path):
         ((b"iCCP", b"x\0\0" + zlib.compress(SRGB[:16] + b"CMYK" + SRGB[20:])), 8, "ICC.*'CMYK'"),
         ((b"iCCP", b"x\0\0" + zlib.compress(SRGB[:300])), 8, "ICC"),
         ((b"cICP", b"\x09\x10\0\1"), 8, "cICP.*9, 16"),
-        ((b"cHRM", bytes(32)), 8, "cHRM"),
+        ((b"cHRM", bytes(32)), 8, "white of its cHRM"),
+        ((b"cHRM", struct.pack(">8I", 31270, 32900, *3 * (30000, 60000))), 8, "primaries of its cHRM"),
     ],
 )
 def test_what_cannot_be_converted_is_refused(tmp_path, chunk, bits, message):
