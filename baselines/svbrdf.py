@@ -30,7 +30,7 @@ STORED_CHANNELS = 7  # of a texel's codes: the normal's z follows from x and y
 ALBEDO_PAIRS = 256  # pairs by whose radiance the base colour starts
 PAIRS_AT_ONCE = 16  # pairs of these that are read together
 ROUGHNESS, METALNESS = 0.7, 0.1  # initial values
-WHITE = 0.8  # base colour that the brightest tenth of the texels starts from
+WHITE = 0.8  # base colour from which the brightest tenth of all texels and colours start
 LEAST_BRIGHTNESS = 1e-30  # keeps the scale of black data above 0, since its logarithm is fitted
 SCALE_RATE = 0.1  # relative to the rate of the maps
 REFLECTANCE_FLOPS = 150  # operations of `shaded`, about
@@ -102,8 +102,8 @@ class MapsObjective(Objective):
     """
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
-        """Start at the mean colour of each texel as its base colour, a normal straight up, and usual roughness and
-        metalness."""
+        """Start at the albedo of each texel, scaled so that nine of ten of its numbers are at most `WHITE`, with that
+        scale in `log_scale`; the normal straight up, usual roughness and metalness."""
         super().__init__(samples, settings)
         albedo = _albedo(samples, generator)  # (texels, 3)
         brightness = float(np.percentile(albedo.cpu().numpy(), 90))

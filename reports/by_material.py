@@ -142,7 +142,7 @@ class Measure(NamedTuple):
         """The number of one record, infinite if it is exact, also where lower is better; without one NaN, and a word
         that says why, or ""."""
         value = record[self.field]
-        if self.timed and record["unlike time"] and not isnan(value):
+        if self.timed and record["time left out"] and not isnan(value):
             return nan, NOT_COMPARABLE
         if self.of_frames:
             return self._of_frames(value, record)
@@ -490,14 +490,13 @@ def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterato
 
 def _values_of_job(row: Row) -> Mapping[str, Any]:
     """The values of a job by column of the frame, NaN where it has none. Added here: the fields `_PERCENT` of errors
-    and `_OTHER_BYTES`, and under "unlike time" whether its time must not be compared."""
+    and `_OTHER_BYTES`, and under "time left out" whether its time is not shown."""
     values = {name: value for name, value in row.values.items() if value is not None}
     relative = {name: value for name, value in values.items() if name.endswith("/relative")}
     percent = {name.removesuffix("relative") + _PERCENT: 100 * value for name, value in relative.items()}
     other_bytes = [size for name, size in values.items() if name.startswith("bytes/") and name not in _NAMED_BYTES]
-    # A time of another start is shown, with a star; one under other conditions is not.
-    unlike_time = bool(row.timing_obstacle) and not row.timed_apart
-    return defaultdict(lambda: nan, values | percent | {_OTHER_BYTES: sum(other_bytes), "unlike time": unlike_time})
+    added = {_OTHER_BYTES: sum(other_bytes), "time left out": row.time_left_out}
+    return defaultdict(lambda: nan, values | percent | added)
 
 
 def _in_addition(job: Job, measures: Sequence[Measure]) -> Iterator[dict[str, Any]]:

@@ -343,9 +343,8 @@ def left_out_notes(run: Run, materials: Iterable[MaterialRows]) -> Iterator[str]
     """
     rows = [row for material in materials for row in material.rows]
     left_out = [row for row in rows if row.obstacle]
-    with_obstacle = [row for row in rows if not row.obstacle and row.timing_obstacle]
-    with_star = [row for row in with_obstacle if row.timed_apart]
-    without_time = [row for row in with_obstacle if not row.timed_apart]
+    with_star = [row for row in rows if not row.obstacle and row.timed_apart]
+    without_time = [row for row in rows if not row.obstacle and row.time_left_out]
     beginning = f"Left out, as not comparable with {standard_in_words(run)}"
     yield from _reasons_note(beginning, grouped(left_out, lambda row: row.obstacle))
     yield from _reasons_note("Times left out", grouped(without_time, lambda row: row.timing_obstacle))

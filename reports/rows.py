@@ -62,6 +62,11 @@ class Row:
         return self.timing_obstacle == NEW_RUN
 
     @property
+    def time_left_out(self) -> bool:
+        """Whether it was timed under other conditions than the other rows, so that its time is not shown."""
+        return bool(self.timing_obstacle) and not self.timed_apart
+
+    @property
     def deciding_group(self) -> str:
         """The name in records of the pairs that decide: "heldout", or "all" if none are held out."""
         return deciding_group(self.job["scores"])

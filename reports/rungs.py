@@ -398,13 +398,15 @@ def rungs_of(run: Run) -> Rungs:
     done = [job for job in run.jobs if job["status"] == "ok" and not fitted_to_scene(job)]
     scored = {job["job"]: job for job in done if has_validation(job)}
     without = [job for job in done if job["job"] not in scored]
-    if not scored:
+    unlike: list[Job] = []
+    comparable = frame_of(replace(run, jobs=Records(scored)), records=False)
+    if scored:  # else it has no columns
+        unlike = [scored[name] for name in comparable.loc[comparable["why"] != "", "job"]]
+        comparable = comparable[comparable["why"] == ""]
+    if comparable.empty:
         names = ["line", "codec", "label", "setting", "material", "job", "height", "width", "bits"]
         names += [*_COSTS, *_SCORES, "seeds"]
-        return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, set(), without, [])
-    frame = frame_of(replace(run, jobs=Records(scored)), records=False)
-    unlike = [scored[name] for name in frame.loc[frame["why"] != "", "job"]]
-    comparable = frame[frame["why"] == ""]
+        return Rungs(pd.DataFrame(columns=names, dtype=float), {}, {}, set(), without, unlike)
     values = _values_of_jobs(comparable, [scored[name] for name in comparable["job"]])
     rungs = _means_over_seeds(values)
     within = _materials_within_budgets(rungs)

@@ -145,9 +145,9 @@ def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
 
 
 def _time_of_query(row: Row) -> list[float] | None:
-    """[median, low, high]: the ns of a sample and the ends of their 95 % interval. None if it was not timed, or under
-    other conditions than the other rows; a time of another start under the same conditions is shown."""
-    if not row.timing or (row.timing_obstacle and not row.timed_apart):
+    """[median, low, high]: the ns of a sample and the ends of their 95 % interval. None if it was not timed, or its
+    time is left out; a time of another start under the same conditions is shown."""
+    if not row.timing or row.time_left_out:
         return None
     return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]]
 

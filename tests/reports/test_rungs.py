@@ -6,7 +6,7 @@ import pytest
 from bench.compare.frame import EAGER, FUSED, line_of, setting_of
 from bench.compare.statistics import Curve, bd_psnr
 from bench.records import FLIP, MOST_DB, PSNR, append, load_run
-from reports.front import mean_ranks, when_table
+from reports.front import front_table, mean_ranks, when_table
 from reports.rungs import BYTES, DRAWS, Budget, Hull, _drawn, _weights, rungs_of, summarised
 
 SIDE = 64
@@ -148,6 +148,15 @@ def test_what_was_measured_on_other_data_than_last_is_left_out(tmp_path):
     run = run_of(tmp_path / "run", old, newest)
     assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
     assert [each["label"] for each in rungs_of(run).unlike] == ["a x=1"]
+
+
+def test_a_run_without_any_comparable_job_has_no_rungs(tmp_path):
+    lacking = job("a x=1", 10, 40.0)
+    del lacking["run"]  # without it nothing says whether the job is comparable
+    found = rungs_of(run_of(tmp_path / "run", lacking))
+    assert found.frame.empty
+    assert [each["label"] for each in found.unlike] == ["a x=1"]
+    assert list(front_table(load_run(tmp_path / "run"))) == []
 
 
 def at_bits(label, bits, validation, test, **more):
