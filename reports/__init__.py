@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
 _NO_VALIDATION = (
-    "no job of this run has scores of validation pairs, by which settings are chosen: measure it with "
-    "`validation = true` under [data], as `neubtf-bench run budgets` does"
+    "no codec has scores of validation pairs, by which settings are chosen, on each surface of this run: choose "
+    "surfaces with --material, or measure with `validation = true` under [data], as `neubtf-bench run budgets` does"
 )
 # By kind of table, in the order of a report: why a run may have no table of that kind, in words for a reader.
 WHY_EMPTY = {
