@@ -314,17 +314,17 @@ def _keep_written(op: Any, args: Sequence[Any], kwargs: dict[str, Any]) -> None:
 
 
 def _record(name: str, compute: Callable[[], Any], results: Any) -> None:
-    """Record an operation on tensors of the CPU over the device's memory, whose results shall always be in the memory
-    of these first ones. `RuntimeError` for one that waits."""
+    """Add an operation to the graph that is recorded: `compute` does it again on the same tensors, over the device's
+    memory; `results` are those of the first time, which later operations read. `RuntimeError` for one that waits."""
     if name in _WAITING:
         raise RuntimeError(f"{name}: operation not permitted when stream is capturing")
 
     def again() -> None:
         """Compute it again, and copy its results to where the first ones are, unless it wrote them there."""
-        new = tree.tree_leaves(compute())
-        for ours, theirs in zip(tree.tree_leaves(results), new, strict=True):
-            if isinstance(ours, Tensor) and ours is not theirs:
-                ours.copy_(theirs)
+        new_results = tree.tree_leaves(compute())
+        for first, new in zip(tree.tree_leaves(results), new_results, strict=True):
+            if isinstance(first, Tensor) and first is not new:
+                first.copy_(new)
 
     _recording[-1].operations.append(again)
 
