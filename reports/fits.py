@@ -13,7 +13,7 @@ import pandas as pd
 from bench.records import Job, Run, as_published, codec_of, grouped
 from reports.rows import materials
 from reports.table import Table
-from reports.values import Column, stale_jobs, written
+from reports.values import Column, written
 
 GOALS_DB = (30, 35)  # tables show how soon each is reached
 NOTE = (
@@ -26,12 +26,12 @@ NOTE = (
 class FitCurve(NamedTuple):
     """One job's curve, from its beginning."""
 
-    job: str  # its name
     label: str  # the codec with its settings
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
     direct: float  # share of the steps that NeuBTF's first stage takes, without its autoencoder; 0 without that stage
     published: bool  # whether it is by the recipe of the codec's paper
     memory: float  # bytes at most while it was fitted; NaN where nobody counted them
+    stale: bool  # whether the installed version cannot make it again
 
 
 def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
@@ -50,7 +50,9 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
             if points:
                 published = as_published(row.job)
                 memory = row.job.get("fit_memory", nan)
-                curves.append(FitCurve(row.job["job"], row.label, points, _share_of_direct(row.job), published, memory))
+                direct = _share_of_direct(row.job)
+                stale = bool(row.values["stale"])
+                curves.append(FitCurve(row.label, points, direct, published, memory, stale))
         if curves:
             by_material[material.name] = curves
     return by_material
@@ -76,7 +78,6 @@ def stages_note(curves: Sequence[FitCurve]) -> str:
 
 def fit_tables(run: Run) -> Iterator[Table]:
     """A table for each material with curves: the end of each fit, then steps and seconds to each goal."""
-    stale = stale_jobs(run.jobs)
     columns = [Column("codec", "", "codec"), Column("end", "dB ↑", "psnr", 2)]
     columns += [Column("steps", "", "steps", 0), Column("time", "s ↓", "seconds", -2)]
     columns.append(Column("memory", "MiB ↓", "memory", 0, ranked=False))
@@ -84,7 +85,7 @@ def fit_tables(run: Run) -> Iterator[Table]:
         columns.append(Column(f"to {goal} dB", "steps ↓", f"steps to {goal}", 0))
         columns.append(Column(f"to {goal} dB", "s ↓", f"seconds to {goal}", -2))
     for name, curves in curves_by_material(run).items():
-        values = pd.DataFrame([_values_of_fit(fit) | {"stale": fit.job in stale} for fit in curves])
+        values = pd.DataFrame([_values_of_fit(fit) for fit in curves])
         yield written("fits", f"{name}: how soon a fit is good", values, columns, [NOTE], material=name)
 
 
@@ -92,7 +93,7 @@ def _values_of_fit(fit: FitCurve) -> dict[str, str | float]:
     """PSNR, steps, seconds and memory at the end of a fit, then steps and seconds to each goal; NaN without one."""
     steps, seconds, psnr = fit.points[-1]
     row: dict[str, str | float] = {"codec": fit.label, "psnr": psnr, "steps": steps, "seconds": seconds}
-    row["memory"] = fit.memory / 2**20
+    row |= {"memory": fit.memory / 2**20, "stale": fit.stale}
     for goal in GOALS_DB:
         reached = [(step, second) for step, second, quality in fit.points if quality >= goal]
         row[f"steps to {goal}"], row[f"seconds to {goal}"] = reached[0] if reached else (nan, nan)

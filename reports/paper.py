@@ -9,7 +9,7 @@ The *family* of a metric is its name without its variant: `ssim` of `ssim_period
 each material of the paper the *nearest* one that anyone can get.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from math import isnan, nan
@@ -18,6 +18,7 @@ from typing import Any
 
 import pandas as pd
 
+from bench.codecs.alike import stale
 from bench.compare.frame import settings_in
 from bench.metrics import all_exact, mean_over, stats_of
 from bench.records import FLIP, PSNR, SSIM, Job, Run, Statistics, as_published, codec_of, grouped
@@ -25,7 +26,7 @@ from reports.numbers import EXACT, NONE, NOT_APPLICABLE, fixed, signed
 from reports.rows import MaterialRows
 from reports.rows import Row as MaterialRow
 from reports.table import STALE, STALE_NOTE, Note, OfData, Table
-from reports.values import Column, Row, stale_jobs, written
+from reports.values import Column, Row, written
 
 NONE_YET = "none yet"  # a cell of ours for a material that could not be had
 METHOD, RECIPE = "neubtf", "recipe=paper"  # the codec whose numbers the paper states, with the setting that it needs
@@ -317,14 +318,16 @@ def ablation_table(run: Run) -> Table | None:
         "A change is told by the settings that differ from the row “as it is”.",
     ]
 
-    values = pd.DataFrame(_ablation_rows(of_suite, materials, stale_jobs(run.jobs)))
+    values = pd.DataFrame(_ablation_rows(of_suite, materials, stale(run.jobs)))
     if values.filter(regex=" psnr$| ssim$").isna().any(axis=None) or values["flops"].isna().any():
         notes.append(f"{NONE}: not measured.")
     title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
     return written("ablation", title, values, columns, notes, words=2)
 
 
-def _ablation_rows(of_suite: Sequence[Job], materials: Sequence[str], stale: set[str]) -> Iterator[dict[str, Any]]:
+def _ablation_rows(
+    of_suite: Sequence[Job], materials: Sequence[str], older: Collection[str]
+) -> Iterator[dict[str, Any]]:
     """The values of each label of a finished job; its parameters and FLOP are those of its first one.
 
     `of_suite` are all jobs of the suite in its order, because the codec as it is may be unfinished.
@@ -342,7 +345,7 @@ def _ablation_rows(of_suite: Sequence[Job], materials: Sequence[str], stale: set
         changes += [f"without {setting}" for setting in usual if setting.partition("=")[0] not in names]
         row: dict[str, Any] = {"codec": job["codec"], "change": " ".join(changes) or "as it is"}
         row |= {"parameters": job["parameters"], "flops": job["cost"].get("flops_per_sample", nan)}
-        row["stale"] = any(each["job"] in stale for each in of_label)
+        row["stale"] = any(each["job"] in older for each in of_label)
         for material in materials:
             psnr = _mean_over_seeds(jobs, material, label, PSNR)
             row[f"{material} psnr"] = psnr

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple, cast
 
 import pandas as pd
 
+from bench.codecs.alike import stale
 from bench.records import Job, as_published, grouped, shown_label
 from reports.choice import Choice
 from reports.numbers import NONE
 from reports.table import Note, Table
-from reports.values import Column, Row, stale_jobs, written
+from reports.values import Column, Row, written
 
 EXECUTIONS = ("eager", "fused", "gpu")  # `gpu`: the quickest on a GPU
 
@@ -67,11 +68,11 @@ def parameters_table(jobs: Iterable[TimedJob], choice: Choice | None = None) -> 
     counted = _finished(chosen_jobs)
     if not counted:
         return None
-    stale = stale_jobs(chosen_jobs)
+    older = stale(chosen_jobs)
     jobs_of_decoder = grouped(counted, _decoder)
     # By codec and recipe. Decoders that are equal in both stay in the order of the jobs, because sorting is stable.
     in_order = sorted(jobs_of_decoder, key=lambda decoder: (decoder.place, decoder.is_our_recipe))
-    values = pd.DataFrame([_values_of_decoder(jobs_of_decoder[decoder], stale) for decoder in in_order])
+    values = pd.DataFrame([_values_of_decoder(jobs_of_decoder[decoder], older) for decoder in in_order])
     gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
 
     columns = [Column("method", "", "method"), Column("codec", "", "codec")]
@@ -91,10 +92,10 @@ def _finished(jobs: Iterable[TimedJob]) -> list[TimedJob]:
     return [job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED]
 
 
-def _values_of_decoder(same_decoder: Sequence[TimedJob], stale: set[str]) -> dict[str, Any]:
+def _values_of_decoder(same_decoder: Sequence[TimedJob], older: Collection[str]) -> dict[str, Any]:
     """The values of the row of some jobs with one decoder: the counts, and the times in ns, NaN where none was timed.
 
-    The job that names the row has the shortest label, which has the fewest settings.
+    The job that names the row has the shortest label, which has the fewest settings. `older` are names of stale jobs.
     """
     job = min(same_decoder, key=lambda job: len(job["label"]))
     paper = _published(job)
@@ -108,7 +109,7 @@ def _values_of_decoder(same_decoder: Sequence[TimedJob], stale: set[str]) -> dic
         **_ours_and_published("param.", cast(int, job["parameters"]), paper.parameters),
         **_ours_and_published("channels", job["cost"]["texture_channels"], paper.channels),
         **{name: ns.get(name, nan) for name in EXECUTIONS},
-        "stale": any(each.get("job") in stale for each in same_decoder),
+        "stale": any(each.get("job") in older for each in same_decoder),
     }
 
 

@@ -45,7 +45,7 @@ def all_tables(
     makers = dict(_OF_KIND)
     makers["summary"] = lambda run, rows: [summary_table(run, rows, against=against)]
     makers["paper"] = lambda run, rows: paper_tables(run, rows, absent, whole)
-    makers["trade"] = lambda run, _: [*trade_tables(run, whole), *variant_tables(run, "trade")]
+    makers["trade"] = lambda run, rows: [*trade_tables(run, rows, whole), *variant_tables(run, "trade")]
     if narrow:
         makers["main"] = lambda run, rows: [*_by_material("quality")(run, rows), *_by_material("cost")(run, rows)]
     tables: list[Table] = []

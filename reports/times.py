@@ -16,8 +16,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.compare.choosing import usual_batch
-from bench.records import Run, Timing, conditions_in_words, grouped, timed_on, variant_of
+from bench.records import Run, Timing, conditions_in_words, grouped, timed_on, usual_batch, variant_of
 from reports.numbers import NONE, significant
 from reports.table import Table
 from reports.values import Column, Row, written

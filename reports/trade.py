@@ -6,7 +6,7 @@ these. A choice is *on the front* of speed (or of rate) if no other is at least 
 bytes), and better in one.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from math import inf, nan
 from operator import itemgetter
@@ -17,19 +17,21 @@ import pandas as pd
 from bench.compare.choosing import best_choices_in_words, is_plain, name_of_choice, on_front
 from bench.records import Run, Timing, conditions_in_words, counted, grouped
 from reports.numbers import NONE
+from reports.rows import MaterialRows
 from reports.table import Table
-from reports.values import Column, stale_jobs, written
+from reports.values import Column, written
 
 
-def trade_tables(run: Run, whole: bool = False) -> Iterator[Table]:
+def trade_tables(run: Run, materials: Iterable[MaterialRows], whole: bool = False) -> Iterator[Table]:
     """The choices of each material that are on a front; none if no trade was measured. With `whole` all choices,
     their stability, and the ceilings last."""
-    stale = stale_jobs(run.jobs)
+    rows_of_run = chain.from_iterable(material.rows for material in materials)
+    older = {row.job["job"] for row in rows_of_run if row.values["stale"]}
     for material, choices in grouped(run.choices, itemgetter("material")).items():
         rows = sorted(choices, key=lambda row: "of" not in row)  # the floor last
-        yield _choices_table(material, rows, stale, whole)
+        yield _choices_table(material, rows, older, whole)
         if whole and any("from_float32" in row for row in rows):  # else there is no other execution to compare
-            yield _stability_table(material, rows, stale)
+            yield _stability_table(material, rows, older)
     floors = [row for row in run.choices if "of" not in row]
     if floors and whole:
         yield _ceilings_table(floors)
@@ -63,10 +65,11 @@ _ABOVE = (
 )
 
 
-def _choices_table(material: str, rows: list[Timing], stale: set[str], whole: bool) -> Table:
+def _choices_table(material: str, rows: list[Timing], older: Collection[str], whole: bool) -> Table:
     """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
 
-    Without `whole`, choices on no front are left out. The first notes say which choices are the best and the fastest.
+    Without `whole`, choices on no front are left out; those of `older` jobs are stale. The first notes say which
+    choices are the best and the fastest.
     """
     measured = [row for row in rows if "of" in row and "error" not in row]
     fronts = {"speed": on_front(measured, "ns_per_sample"), "rate": on_front(measured, "bytes")}
@@ -77,7 +80,7 @@ def _choices_table(material: str, rows: list[Timing], stale: set[str], whole: bo
             f"Left out, because others beat them at these pairs: {len(beaten)} choices. --all shows them, too."
         )
     shown = [row for row in rows if whole or row.get("job") not in beaten]
-    values = pd.DataFrame([_values_of_choice(row, fronts) | {"stale": row.get("of") in stale} for row in shown])
+    values = pd.DataFrame([_values_of_choice(row, fronts) | {"stale": row.get("of") in older} for row in shown])
     notes.append(_note_on_conditions(shown))
     notes += [f"{name_of_choice(row)}: {row['error']}." for row in shown if "error" in row]  # why it could not be timed
     if values["above limit"].any():
@@ -137,9 +140,10 @@ def _note_on_conditions(rows: Sequence[Timing]) -> str:
     )
 
 
-def _stability_table(material: str, rows: Sequence[Timing], stale: set[str]) -> Table:
+def _stability_table(material: str, rows: Sequence[Timing], older: Collection[str]) -> Table:
     """A row for each choice of another execution or precision than eager float32: its time, and how far its answers are
-    from those of eager float32 with the same label. `rows` are all choices of the material."""
+    from those of eager float32 with the same label. `rows` are all choices of the material, `older` the names of
+    stale jobs."""
     plain = [row for row in rows if is_plain(row) and "psnr" in row]
     psnr_of_plain = {row["label"]: counted(row["psnr"]) for row in plain}
     values = []
@@ -149,7 +153,7 @@ def _stability_table(material: str, rows: Sequence[Timing], stale: set[str]) -> 
             # Without that of eager float32 its slices could not be read.
             gained = counted(row["psnr"]) - psnr_of_plain.get(row["label"], nan)
             numbers = {"time": row["ratio_to_floor"], "worst": worst, "gained": gained, "flip": row.get("flip")}
-            values.append({"codec": name_of_choice(row), **numbers, "stale": row.get("of") in stale})
+            values.append({"codec": name_of_choice(row), **numbers, "stale": row.get("of") in older})
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."

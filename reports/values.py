@@ -5,14 +5,12 @@ the values come from, how they are written, and which end is the better one. Mar
 columns of the frame.
 """
 
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from math import inf, isnan, nan
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from bench.codecs.alike import stale
-from bench.records import Job
 from reports.numbers import EXACT, NONE, as_read, fixed, signed, significant
 from reports.table import BOLD, FEW, STALE, STALE_NOTE, UNDERLINED, Spread, Table
 
@@ -105,14 +103,6 @@ def written(
             marks[row_number, number] = mark
     by_header = _values_by_header(values, columns, words)
     return Table(kind, title, headers, rows, all_notes, words, material, marks=marks, values=by_header)
-
-
-def stale_jobs(jobs: Iterable[Job]) -> set[str]:
-    """The names of the finished jobs that the installed versions of their codecs cannot make again.
-
-    A job without a name was not measured.
-    """
-    return {*stale(job for job in jobs if job["status"] == "ok" and "job" in job)}
 
 
 def _values_by_header(values: pd.DataFrame, columns: Sequence[Column], word_columns: int) -> pd.DataFrame:

@@ -8,26 +8,20 @@ measures, are rungs here. Imports nothing heavy, so an answer from stored measur
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
-from statistics import mode
 from typing import Any, Literal
 
-from bench.machine.devices import is_gpu
 from bench.metrics import stats_of
 from bench.records import (
     MOST_DB,
     PSNR,
     VALIDATION,
     Job,
-    Run,
     Statistics,
     Timing,
     codec_of,
     counted,
     deciding_group,
-    grouped,
     variant_of,
-    view,
 )
 
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
@@ -152,30 +146,6 @@ def longest_ns(row: Timing) -> float:
     """
     upper_share: float = row["ratio_interval95"][1] / row["ratio_to_floor"]
     return row["ns_per_sample"] * upper_share
-
-
-@view
-def fused_times(run: Run) -> dict[str, Timing]:
-    """By job: the choice of the run's trade that was timed as one fused kernel in float32, with its time."""
-    fused = [row for row in run.choices if (row["execution"], row["dtype"]) == ("fused", "float32")]
-    return {row["of"]: row for row in fused if "ratio_to_floor" in row}
-
-
-def gpu_times(run: Run) -> dict[str, Timing]:
-    """By label: the timing of each setting on a GPU in float32, in the usual batches, by its quickest execution."""
-    # Only timings of a setting's variants, by `bench.runs.setting_variants`, have the field `of_tolerance`.
-    variants = [timing for timing in run.timings if "of_tolerance" in timing and is_gpu(timing["device"])]
-    if not variants:
-        return {}
-    usual = usual_batch(variants)
-    in_float32 = [timing for timing in variants if timing["dtype"] == "float32" and timing["batch"] == usual]
-    by_label = grouped(in_float32, itemgetter("label"))
-    return {label: min(timings, key=itemgetter("ns_per_sample")) for label, timings in by_label.items()}
-
-
-def usual_batch(variants: Sequence[Timing]) -> int:
-    """The size of batches in which most variants were timed: a few settings are timed in others, too."""
-    return mode(timing["batch"] for timing in variants)
 
 
 def on_front(rows: Sequence[Timing], cost: Literal["ns_per_sample", "bytes"]) -> set[str]:

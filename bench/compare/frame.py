@@ -25,11 +25,12 @@ different runs are comparable only if `codec_version`, `training`, `btf` and `me
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from math import nan
+from operator import itemgetter
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from bench.codecs.alike import obstacles, stale
-from bench.compare.choosing import fused_times, gpu_times
+from bench.machine.devices import is_gpu
 from bench.records import (
     PSNR,
     FitKey,
@@ -42,8 +43,11 @@ from bench.records import (
     codec_of,
     fitted_to_scene,
     flattened,
+    grouped,
     kind_of,
     load_warned,
+    usual_batch,
+    view,
 )
 
 if TYPE_CHECKING:
@@ -203,6 +207,25 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
         }
         # Twice: its columns come first, and its values last, so that they replace a record's fields of the same names.
         yield {**of_job, **flattened(job, run.timing(job)), **of_job} if records else of_job
+
+
+@view
+def fused_times(run: Run) -> dict[str, Timing]:
+    """By job: the choice of the run's trade that was timed as one fused kernel in float32, with its time."""
+    fused = [row for row in run.choices if (row["execution"], row["dtype"]) == ("fused", "float32")]
+    return {row["of"]: row for row in fused if "ratio_to_floor" in row}
+
+
+def gpu_times(run: Run) -> dict[str, Timing]:
+    """By label: the timing of each setting on a GPU in float32, in the usual batches, by its quickest execution."""
+    # Only timings of a setting's variants, by `bench.runs.setting_variants`, have the field `of_tolerance`.
+    variants = [timing for timing in run.timings if "of_tolerance" in timing and is_gpu(timing["device"])]
+    if not variants:
+        return {}
+    usual = usual_batch(variants)
+    in_float32 = [timing for timing in variants if timing["dtype"] == "float32" and timing["batch"] == usual]
+    by_label = grouped(in_float32, itemgetter("label"))
+    return {label: min(timings, key=itemgetter("ns_per_sample")) for label, timings in by_label.items()}
 
 
 def _times_of(

@@ -47,6 +47,7 @@ from bench.records.meaning import (
     scored_unlike,
     shown_label,
     timed_on,
+    usual_batch,
     variant_of,
 )
 from bench.records.schema import (

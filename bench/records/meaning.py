@@ -5,7 +5,8 @@ Scores are of *groups* of pairs: `train`, `heldout`, `all` and parts of these.
 
 import json
 import math
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from statistics import mode
 from typing import Any, NamedTuple, TypeVar
 
 from bench.records.fields import field_names
@@ -174,6 +175,11 @@ def conditions_in_words(timing: Timing, processor: str = "", variant: str = "") 
 def variant_of(timing: Timing) -> str:
     """The execution and precision of a timing: “fused float32”."""
     return f"{timing.get('execution')} {timing.get('dtype')}"
+
+
+def usual_batch(variants: Sequence[Timing]) -> int:
+    """The size of batches in which most variants were timed: a few settings are timed in others, too."""
+    return mode(timing["batch"] for timing in variants)
 
 
 def flattened(job: Job, timing: Timing | None) -> dict[str, Any]:

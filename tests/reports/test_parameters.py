@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from bench import cli
-from bench.compare.choosing import gpu_times
+from bench.compare.frame import gpu_times
 from bench.inputs.errors import InputError
 from bench.records import Run
 from reports import parameters_text

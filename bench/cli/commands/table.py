@@ -23,7 +23,7 @@ from typing import cast
 
 from bench.cli.commands import several
 from bench.codecs.registry import codec_entries
-from bench.compare.choosing import fused_times, gpu_times
+from bench.compare.frame import fused_times, gpu_times
 from bench.inputs.errors import FINE, NOTHING, InputError, did_you_mean, visible
 from bench.records import FILE, STRESS, Run, Timing, load_together, require
 from bench.runs.suite import load_suite

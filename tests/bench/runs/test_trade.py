@@ -26,6 +26,7 @@ from bench.timing.execution import Variant
 from bench.timing.roofline import least_ns
 from reports import table_text
 from reports.numbers import NONE
+from reports.rows import materials
 from reports.trade import _stability_table, trade_tables
 
 CODECS = (
@@ -474,8 +475,8 @@ def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(meas
 
 def test_the_table_has_the_choices_that_none_beats_and_all_has_the_others_too(measured):
     run = load_run(measured)
-    (short,) = trade_tables(run)
-    every, *others = trade_tables(run, whole=True)
+    (short,) = trade_tables(run, materials(run))
+    every, *others = trade_tables(run, materials(run), whole=True)
     on_front = every.values["on the front"] != NONE
     assert 0 < on_front.sum() < len(on_front)
     missing = every.values["total"].isna()  # the floor
