@@ -25,7 +25,7 @@ from reports.values import Column, written
 def trade_tables(run: Run, materials: Iterable[MaterialRows], whole: bool = False) -> Iterator[Table]:
     """The choices of each material that are on a front; none if no trade was measured. With `whole` all choices,
     their stability, and the ceilings last."""
-    rows_of_run = chain.from_iterable(material.rows for material in materials)
+    rows_of_run = chain.from_iterable(each.rows for each in materials)
     older = {row.job["job"] for row in rows_of_run if row.values["stale"]}
     for material, choices in grouped(run.choices, itemgetter("material")).items():
         rows = sorted(choices, key=lambda row: "of" not in row)  # the floor last
