@@ -3,6 +3,8 @@
 A run without validation pairs has no budgets (`reports.rungs`), so its codecs are compared as they were measured.
 """
 
+from typing import Any
+
 from bench.compare.paired import AGAINST
 from bench.records import Run, codec_of
 from reports.of_rungs import in_words
@@ -46,16 +48,14 @@ def _within_budget(run: Run) -> list[str]:
 def _as_measured(run: Run) -> str:
     """A sentence: the best mean PSNR over all materials, and its lead before the best setting of another codec, or that
     both are level; "" unless two codecs were measured on all materials."""
-    standings = [standing for standing in ranked(materials(run)) if standing.rank is not None]
-    best_first = sorted(standings, key=lambda standing: -standing.psnr)
-    if not best_first:
-        return ""
-    best = best_first[0]
-    others = [standing for standing in best_first if codec_of(standing.label) != codec_of(best.label)]
+    ranking = ranked(materials(run))
+    psnr_of: dict[Any, float] = ranking["psnr"][ranking["rank"].notna()].to_dict()
+    best_first = sorted(psnr_of, key=lambda label: -psnr_of[label])
+    others = [label for label in best_first if codec_of(label) != codec_of(best_first[0])]
     if not others:
         return ""
-    second = others[0]
-    lead = best.psnr - second.psnr
+    best, second = best_first[0], others[0]
+    lead = psnr_of[best] - psnr_of[second]
     if lead < LEVEL:
-        return f"{best.label} and {second.label} are level in mean PSNR, and no other codec is better."
-    return f"{best.label} leads: {best.psnr:.1f} dB of mean PSNR, {lead:.1f} dB before {second.label}."
+        return f"{best} and {second} are level in mean PSNR, and no other codec is better."
+    return f"{best} leads: {psnr_of[best]:.1f} dB of mean PSNR, {lead:.1f} dB before {second}."

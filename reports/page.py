@@ -188,7 +188,7 @@ class Page:
 
         Here they are in the order of the whole run, whatever the material, so that all strips show the same codecs.
         """
-        return [standing.label for standing in ranked(self.materials)]
+        return list(ranked(self.materials).index)
 
     def summary(self) -> list[Table]:
         """The tables that open the page, in the order of `FIRST`."""

@@ -4,34 +4,57 @@ A *codec* is here one with its settings, a row of the summary. Its *standing* is
 It has a *rank* only if it was measured on every material of the run.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from math import nan
+
+import pandas as pd
 
 from bench.compare.paired import AGAINST, Against, against_jobs
-from bench.compare.ranks import Standing, standings
+from bench.compare.statistics import mean_ranks
 from bench.inputs.errors import InputError
-from bench.records import Job, Run
+from bench.metrics import mean_over
+from bench.records import PSNR, Run
 from reports.rows import MaterialRows
 
+SAME_DB = 0.005  # tables do not show a smaller difference, so such codecs share a rank
 
-def ranked(materials: Iterable[MaterialRows]) -> list[Standing]:
-    """The standing of every measured codec, the best first. Models of a scene come last and without a rank, because
-    their quality over a whole material is not what they were fitted for."""
-    # Jobs by material and label, those of models of whole materials apart from those of models of a scene.
-    whole: dict[str, dict[str, list[Job]]] = {}
-    of_scene: dict[str, dict[str, list[Job]]] = {}
-    for material in materials:
+
+def ranked(materials: Iterable[MaterialRows]) -> pd.DataFrame:
+    """The `standings` of all measured codecs. Models of a scene come last and without a rank, because their quality
+    over a whole material is not what they were fitted for."""
+    psnr_of: dict[str, dict[int, float]] = {}  # by label, then by number of material: a mean over slices, then seeds
+    of_scene: list[str] = []  # labels
+    for number, material in enumerate(materials):
         for codec in material.codecs:
-            if codec.measured:
-                jobs = of_scene if codec.of_scene else whole
-                jobs.setdefault(material.name, {})[codec.label] = [row.job for row in codec.measured]
-    without_rank = [replace(standing, rank=None, wins=None) for standing in standings(of_scene)]
-    return [*standings(whole), *without_rank]
+            psnr = mean_over([row.job for row in codec.measured], PSNR)
+            if psnr is not None:
+                psnr_of.setdefault(codec.label, {})[number] = psnr
+            if codec.of_scene:
+                of_scene.append(codec.label)
+    labels = pd.Index(list(psnr_of), dtype=object)  # strings of pandas cannot hold every name
+    return standings(pd.DataFrame(list(psnr_of.values()), labels), of_scene)
 
 
-def with_rank(materials: Iterable[MaterialRows], ranking: Iterable[Standing]) -> dict[str, str]:
+def standings(psnr: pd.DataFrame, unranked: Sequence[str] = ()) -> pd.DataFrame:
+    """A row for each codec of a table (codecs, materials) of PSNR in dB, the best rank first, then the best PSNR.
+
+    Columns: on how many `materials` it was measured; the mean `psnr` over these; its mean `rank`, 1 for the best; and
+    how many it `won`. The last two are NaN of a codec that lacks a material, because a rank among fewer would not be
+    comparable, and of those `unranked`, which come last.
+    """
+    is_unranked = psnr.index.isin(unranked)
+    complete = psnr[~is_unranked].dropna(axis="columns", how="all").dropna()
+    table = pd.DataFrame({"materials": psnr.count(axis=1), "psnr": psnr.mean(axis=1), "unranked": is_unranked})
+    table["rank"] = nan
+    if len(complete):  # NumPy warns of a mean over nothing
+        table["rank"] = pd.Series(mean_ranks(complete.to_numpy(), SAME_DB), complete.index)
+    table["won"] = (complete + SAME_DB >= complete.max()).sum(axis=1)
+    return table.sort_values(["unranked", "rank", "psnr"], ascending=[True, True, False])
+
+
+def with_rank(materials: Iterable[MaterialRows], ranking: pd.DataFrame) -> dict[str, str]:
     """The name of the codec of each label that has a rank, in the order of the suite."""
-    ranked_labels = {standing.label for standing in ranking if standing.rank is not None}
+    ranked_labels = ranking.index[ranking["rank"].notna()]
     codec_of_label = {codec.label: codec.codec for material in materials for codec in material.codecs}
     return {label: codec for label, codec in codec_of_label.items() if label in ranked_labels}
 

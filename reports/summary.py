@@ -8,14 +8,11 @@ the mean over slices of its PSNR minus that row's, in dB.
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from itertools import chain
 from math import inf, nan
-from statistics import fmean
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
-from bench.compare.ranks import Standing
 from bench.records import Run
 from reports.by_material import Measure, in_summary, rows_of
 from reports.notes import (
@@ -57,11 +54,11 @@ def summary_table(
     if len(ranking) < 2:
         return None
     codecs = with_rank(materials, ranking)
-    measures, on_materials = _on_materials(measured)
+    measures, means_of = _means(measured)
     means = [
-        Column("mean rank", "↓", "mean rank"),
+        Column("mean rank", "↓", "rank"),
         Column("won", "↑", "won", 0),
-        Column("PSNR", "dB ↑", "PSNR", 2),
+        Column("PSNR", "dB ↑", "psnr", 2),
     ]
     for measure in measures:
         column = Column(measure.name, measure.unit, measure.name, measure.digits)
@@ -73,13 +70,11 @@ def summary_table(
         Column("materials", "", "materials", write=lambda row: f"{row['materials']:.0f} of {len(measured)}"),
         *means,
     ]
-    rows = []
-    for standing in ranking:
-        row = _means_of_codec(standing, on_materials[standing.label], measures)
-        if standing.rank is None:
-            row |= {column.field: nan for column in means}
-        rows.append(row if stale else row | {"stale": False})
-    values = pd.DataFrame(rows, dtype=object)
+    values = ranking.join(means_of)
+    fields = [column.field for column in means]
+    values[fields] = values[fields].where(values["rank"].notna())
+    values["stale"] &= stale
+    values = values.reset_index(names="codec")
     names = [material.name for material in measured]
     notes_on_differences: list[Note] = []
     # To the right, the differences to one row; they are never marked.
@@ -92,29 +87,6 @@ def summary_table(
     notes = _all_notes(run, materials, measured, notes_on_differences)
     title = f"Summary over {len(names)} material{'s' if len(names) > 1 else ''}: {', '.join(names)}"
     return written("summary", title, values, columns, notes)
-
-
-class _OnMaterial(NamedTuple):
-    """The values of a codec on one material, over its seeds."""
-
-    stale: bool  # this and `timed_apart`: see `reports.by_material.rows_of`
-    timed_apart: bool
-    stated: dict[str, float]  # by name of a column; infinite if no slice has an error
-    counted: dict[str, float]  # the same, but such a slice counts as a number, such as 48.13 dB
-
-
-def _means_of_codec(standing: Standing, on_each: Sequence[_OnMaterial], measures: Sequence[Measure]) -> dict[str, Any]:
-    """The values of a codec by column, as means over its materials."""
-    return {
-        "codec": standing.label,
-        "stale": any(on.stale for on in on_each),
-        "timed apart": any(on.timed_apart for on in on_each),
-        "materials": standing.materials,
-        "mean rank": standing.rank,
-        "won": standing.wins,
-        "PSNR": standing.psnr,
-        **{measure.name: _mean_over_materials(measure.name, on_each) for measure in measures},
-    }
 
 
 def _all_notes(
@@ -135,34 +107,34 @@ def _all_notes(
     return notes
 
 
-def _on_materials(measured: Sequence[MaterialRows]) -> tuple[list[Measure], dict[str, list[_OnMaterial]]]:
-    """The columns after that of PSNR; and by label of a codec its values on each of its materials."""
+def _means(measured: Sequence[MaterialRows]) -> tuple[list[Measure], pd.DataFrame]:
+    """The columns after that of PSNR; and by label of a codec its means over its materials, by name of column, with
+    whether it is `stale` and `timed apart` on any.
+
+    A mean is infinite if no slice of any material has an error, and NaN if a material has no number.
+    """
     measures: dict[str, Measure] = {}  # by name: two variants of a metric are one column
-    of_codecs: dict[str, list[_OnMaterial]] = {}
+    as_stated = []  # a frame for each material, with a row for each codec: infinite where no slice has an error
+    as_counted = []  # the same, but such slices count as a number, such as 48.13 dB
     for material in measured:
-        of_material = in_summary(material)
-        measures |= {measure.name: measure for measure in of_material}
+        of_material = {measure.name: measure for measure in in_summary(material)}
+        measures |= of_material
+        stating = list(of_material.values())
+        counting = [measure._replace(stated=False) for measure in stating]
+        names = {measure.field: measure.name for measure in stating}
         codecs = [codec for codec in material.codecs if codec.measured]
-        as_stated = rows_of(codecs, of_material)
-        as_counted = rows_of(codecs, [measure._replace(stated=False) for measure in of_material])
-        for values, numbers in zip(as_stated, as_counted, strict=True):
-            stated = {measure.name: values[measure.field] for measure in of_material}
-            counted = {measure.name: numbers[measure.field] for measure in of_material}
-            on_material = _OnMaterial(values["stale"], values["timed apart"], stated, counted)
-            of_codecs.setdefault(values["codec"], []).append(on_material)
-    stated_values = [on_material.stated for on_material in chain.from_iterable(of_codecs.values())]
+        as_stated.append(pd.DataFrame(rows_of(codecs, stating), dtype=object).rename(columns=names))
+        as_counted.append(pd.DataFrame(rows_of(codecs, counting), dtype=object).rename(columns=names))
+    stated = pd.concat(as_stated).set_index("codec")
+    counted = pd.concat(as_counted).set_index("codec")
     shown = []
     for measure in sorted(measures.values(), key=lambda measure: not measure.stated):  # metrics before costs
-        if not measure.sparse or any(pd.notna(stated.get(measure.name)) for stated in stated_values):
+        if not measure.sparse or stated[measure.name].notna().any():
             shown.append(measure)
-    return shown, of_codecs
-
-
-def _mean_over_materials(name: str, on_each: Sequence[_OnMaterial]) -> float:
-    """The mean of a column over materials; infinite if each value is, NaN if a material has no number."""
-    if all(on.stated.get(name) == inf for on in on_each):
-        return inf
-    return fmean(on.counted.get(name, nan) for on in on_each)
+    names_shown = [measure.name for measure in shown]
+    means = counted[names_shown].astype(float).groupby("codec").agg(pd.Series.mean, skipna=False)
+    all_exact = (stated[names_shown] == inf).groupby("codec").all()
+    return shown, means.mask(all_exact, inf).join(stated[["stale", "timed apart"]].groupby("codec").any())
 
 
 class _Differences(NamedTuple):

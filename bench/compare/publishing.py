@@ -15,6 +15,7 @@ from bench.compare.paired import packed_slices
 from bench.inputs.errors import InputError
 from bench.metrics import read_scores
 from bench.records import OUTSIDE, RMSE, SCENE_HELDOUT, Group, Job, Run, RunStart, Statistics, kept, rounded
+from bench.records.schema import Use
 
 
 def published(run: Run, once: bool = True) -> str:
@@ -73,15 +74,15 @@ def _once(job: Job, start: RunStart) -> Job:
     return cast(Job, line)
 
 
-def published_job(job: Job, folder: Path) -> Job:
-    """The record of a job of a run's folder as it is published: without what names this machine or a person, and what
-    no table or page reads; the PSNR of its slices is packed into it."""
-    line = kept(job, records.RESULTS)
+def published_job(job: Job, folder: Path, use: Use = records.RESULTS) -> Job:
+    """The record of a job of a run's folder as it is published: with fields of this `use`, and without what names this
+    machine or a person, and what no table or page reads; the PSNR of its slices is packed into it."""
+    line = kept(job, use)
     if "error" in line:
         line["error"] = _without_home(str(line["error"]))[:500]
     if job["status"] != "ok":
         return line
-    if "file" in job:
+    if "file" in line:
         line["file"] = f"files/{Path(job['file']).name}"
     if "fitted" in line:  # the day is that of the scores
         line["fitted"] = {"git": line["fitted"].get("git")}

@@ -16,20 +16,17 @@ from typing import NamedTuple
 
 from bench import records
 from bench.compare.comparison import check_whole
-from bench.compare.paired import packed_slices
+from bench.compare.publishing import published_job
 from bench.compare.quantities import MAIN, deciding
-from bench.compare.verdicts import FEW_SEEDS, is_random, same_pairs, smallest_loss
+from bench.compare.verdicts import FEW_SEEDS, is_random, same_pairs, smallest_loss, why_unlike
 from bench.files.atomic import write
 from bench.inputs.errors import InputError, writable
-from bench.metrics import metric_of, stats_of
+from bench.metrics import stats_of
 from bench.records import (
     FILE,
-    FLIP,
     PSNR,
-    Group,
     Job,
     Run,
-    Statistics,
     Timing,
     by_row,
     deciding_group,
@@ -103,10 +100,9 @@ def reference(run: Run, before: Run | None = None) -> str:
     """The text of a run's reference. Raises `InputError` if the run is empty or has jobs without a result, or if slices
     cannot be read.
 
-    A row of a reference is one setting of a codec on one material, with a job for each seed. Jobs of the suite's own
-    seeds are kept whole, with their times; those of further seeds only measure the codec's scatter. If the seeds of a
-    row gave the same records as in the reference `before`, its further seeds in `before` are kept: the codec did not
-    change, so they still measure its scatter.
+    A row of a reference is one setting of a codec on one material, with a job for each seed. If the seeds of a row gave
+    the same numbers as in the reference `before`, its further seeds in `before` are kept: the codec did not change, so
+    they still measure its scatter.
     """
     jobs = _in_order(run.jobs)
     if not jobs:
@@ -118,15 +114,13 @@ def reference(run: Run, before: Run | None = None) -> str:
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
             "a reference needs a complete run"
         )
-    suite_seeds = _seeds_of_suite(run)
-    reduced = [_reduced_record(job, run.folder, whole=job["seed"] in suite_seeds) for job in jobs]
+    reduced = [_reduced_job(job, run.folder) for job in jobs]
     kept_seeds = _seeds_to_keep(reduced, before.jobs) if before else []
-    timings = _timings(run, [job for job in jobs if job["seed"] in suite_seeds])
     starts = [kept(start, records.REFERENCE) for start in run.starts[-1:]]  # the last, if there is one
     for start in starts:  # of the packages only those on which numbers depend
         packages = start.get("packages", {})
         start["packages"] = {name: packages[name] for name in ("neubtf-bench", "torch", "numpy") if name in packages}
-    lines = [*starts, *_in_order([*reduced, *kept_seeds]), *timings]
+    lines = [*starts, *_in_order([*reduced, *kept_seeds]), *_timings(run, jobs)]
     return "".join(json.dumps(line, sort_keys=True, allow_nan=False, separators=(",", ":")) + "\n" for line in lines)
 
 
@@ -162,8 +156,13 @@ def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
 
 
 def seeds_of(run: Run) -> int:
-    """The number of seeds that a run of the suite will have; that of the run itself if its suite is unknown."""
-    return len(_seeds_of_suite(run))
+    """The number of seeds that a run of the suite will have; that of the run itself if its suite is unknown, or if it
+    has none because each codec has its own."""
+    seeds = []
+    with suppress(IndexError, KeyError, tomllib.TOMLDecodeError):  # no start; one without its suite; a damaged one
+        suite = tomllib.loads(run.starts[-1]["text"])
+        seeds = suite.get("seeds", [0])  # as a suite that says nothing of seeds has it
+    return len(set(seeds) or {job["seed"] for job in run.jobs})
 
 
 def limits(update: Update) -> list[str]:
@@ -199,12 +198,22 @@ def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
 
 
 def _seeds_to_keep(jobs: Iterable[Job], before: Iterable[Job]) -> Iterator[Job]:
-    """The jobs of `before` whose seeds are missing now, from rows whose other seeds have identical jobs in both."""
+    """The jobs of `before` whose seeds are missing now, from rows whose other seeds have the same numbers in both."""
     now = {job["job"]: job for job in jobs}
     for earlier in by_row(before).values():
-        unchanged = [now[job["job"]] == job for job in earlier if job["job"] in now]
+        unchanged = [_is_unchanged(job, now[job["job"]]) for job in earlier if job["job"] in now]
         if unchanged and all(unchanged):  # else the codec changed, or nothing says that it did not
             yield from (job for job in earlier if job["job"] not in now)
+
+
+def _is_unchanged(before: Job, now: Job) -> bool:
+    """Whether a job is comparable with an earlier one, and each number that decides a comparison is the same."""
+
+    def numbers(job: Job) -> list[tuple[object, ...]]:
+        """The version and the value of each of these numbers of a job."""
+        return [(quantity.version(job), quantity.value(job)) for quantity in deciding(before)]
+
+    return not why_unlike(before, now) and numbers(before) == numbers(now)
 
 
 def _in_order(every: Iterable[Job]) -> list[Job]:
@@ -215,71 +224,18 @@ def _in_order(every: Iterable[Job]) -> list[Job]:
     return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))
 
 
-def _seeds_of_suite(run: Run) -> set[int]:
-    """The seeds of the run's suite, by which a change is judged; those of all jobs if the suite is unknown, or if it
-    has none because each codec has its own.
+def _reduced_job(job: Job, folder: Path) -> Job:
+    """The record of a job as it is published, without what no comparison reads.
 
-    Further seeds only measure the scatter of a codec.
+    Of the scores those stay of the deciding pairs (held out, or all if none are), of its parts at grazing directions,
+    and of training pairs.
     """
-    seeds: set[int] = set()
-    with suppress(IndexError, KeyError, tomllib.TOMLDecodeError):  # no start; one without its suite; a damaged one
-        suite = tomllib.loads(run.starts[-1]["text"])
-        seeds = set(suite.get("seeds", (0,)))  # as a suite that says nothing of seeds has it
-    return seeds or {job["seed"] for job in run.jobs}
-
-
-def _reduced_record(job: Job, folder: Path, whole: bool) -> Job:
-    """The record of a job as a reference keeps it; if not `whole`, only the numbers that decide a comparison."""
-    line = kept(job, records.REFERENCE)
-    line["scores"] = _reduced_scores(job, whole)
-    line["footprints"] = _reduced_footprints(job, whole)
-    line["metrics"] = {name: line["metrics"][name] for name in metrics_of(line)}
-    if whole:
-        line |= packed_slices(job, folder)
+    line = published_job(job, folder, records.REFERENCE)
+    decides = deciding_group(line["scores"])
+    compared = (decides, f"{decides}, grazing view", f"{decides}, grazing light", "train")
+    line["scores"] = {name: {"metrics": metrics_of(line, name)} for name in compared if name in line["scores"]}
+    for group in line["scores"].values():
+        for stats in group["metrics"].values():
+            for unread in ("std", "worst", "relative"):
+                stats.pop(unread, None)
     return rounded(line)
-
-
-def _reduced_scores(job: Job, whole: bool) -> dict[str, Group]:
-    """The scores of the deciding group (held-out pairs, or all if none are held out), of its parts at grazing
-    directions, and of training pairs.
-
-    The deciding group has every metric, or PSNR and FLIP if not `whole`; the others have PSNR alone.
-    """
-    decides = deciding_group(job["scores"])
-    names = list(metrics_of(job))
-    psnr = metric_of(names, PSNR)
-    with_psnr_alone = ("train", f"{decides}, grazing view", f"{decides}, grazing light")
-    names_of_group = {group: [psnr] for group in with_psnr_alone}
-    names_of_group[decides] = names if whole else [psnr, metric_of(names, FLIP)]
-    reduced = {}
-    for group, chosen in names_of_group.items():
-        if group in job["scores"]:
-            reduced[group] = _reduced_group(metrics_of(job, group), chosen, with_pooled=whole or group == decides)
-    return reduced
-
-
-def _reduced_footprints(job: Job, whole: bool) -> dict[str, Statistics]:
-    """The mean PSNR at each footprint but that of one texel, which is the usual score; with the pooled one if
-    `whole`."""
-    numbers = (PSNR, "mean") if whole else ("mean",)  # the pooled number of a footprint is named `PSNR`
-    footprints = job.get("footprints", {})
-    return {side: _reduced_statistics(stats, *numbers) for side, stats in footprints.items() if side != "1"}
-
-
-def _reduced_group(metrics: dict[str, Statistics], names: list[str], with_pooled: bool) -> Group:
-    """The metrics of these `names` that a group has, each with its pooled number; PSNR has its mean over slices, and
-    the pooled number only `with_pooled`."""
-    of_psnr = ("pooled", "mean") if with_pooled else ("mean",)
-    reduced = {}
-    for name in names:
-        if name in metrics:
-            reduced[name] = _reduced_statistics(metrics[name], *(of_psnr if name == PSNR else ("pooled",)))
-    return {"metrics": reduced}
-
-
-def _reduced_statistics(stats: Statistics, *numbers: str) -> Statistics:
-    """Only these `numbers`; if one is None, also the fields that tell whether it is exact or was never measured."""
-    reduced = {name: stats[name] for name in numbers if name in stats}
-    if None in reduced.values():  # JSON has no infinity: a PSNR without error is None, too
-        reduced |= {key: stats[key] for key in ("exact", "slices")}
-    return reduced

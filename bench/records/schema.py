@@ -269,7 +269,7 @@ class Job(Open, total=False):
     cost: Annotated[Cost, RESULTS | CLAIM, Needed("tables", ("texture_channels",))]
     metrics: Annotated[dict[str, MetricFacts], PUBLISHED | CLAIM | APART]
     scores: Annotated[dict[str, Group], CLAIM]
-    footprints: Annotated[dict[str, Statistics], RESULTS | CLAIM]
+    footprints: Annotated[dict[str, Statistics], PUBLISHED | CLAIM]
     between: Annotated[Between, RESULTS | CLAIM]  # absent where no pair was rendered between texels
     black: Annotated[Number, RESULTS]  # display PSNR of an all-black answer, where the material is badly exposed
     scene: Annotated[Scene, RESULTS]

@@ -55,15 +55,11 @@ def test_the_times_of_a_reference_are_written_again_as_they_are(run, tmp_path):
 def test_a_suite_whose_codecs_have_seeds_of_their_own_has_those_of_its_jobs(make):
     run = make.run("run", *make.seeds(PSNRS), text='seeds = []\nmaterials = ["satin"]')
     assert seeds_of(run) == len(PSNRS)
-    jobs = [json.loads(line) for line in reference(run).splitlines()[1:]]
-    assert all("ssim_periodic" in job["scores"]["heldout"]["metrics"] for job in jobs)
 
 
 def test_a_suite_that_names_no_seeds_has_the_seed_0(make):
     run = make.run("run", *make.seeds(PSNRS), text='materials = ["satin"]')
     assert seeds_of(run) == 1
-    jobs = [json.loads(line) for line in reference(run).splitlines()[1:]]
-    assert ["ssim_periodic" in job["scores"]["heldout"]["metrics"] for job in jobs] == [True, False, False]
 
 
 def test_rows_of_few_seeds_that_differ_are_named(make):
