@@ -20,7 +20,7 @@ import pandas as pd
 
 from bench.codecs.alike import stale
 from bench.compare.frame import settings_in
-from bench.metrics import all_exact, mean_over, stats_of
+from bench.metrics import all_exact, mean_over
 from bench.records import FLIP, PSNR, SSIM, Job, Run, Statistics, as_published, codec_of, grouped
 from reports.numbers import EXACT, NONE, NOT_APPLICABLE, fixed, signed
 from reports.rows import MaterialRows
@@ -261,7 +261,7 @@ def _number_of_job(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
     """The row of one job, group and family, before `_numbers` takes the seeds together."""
     job = fit.job
     height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
-    stats = stats_of(job, family, group) if job["status"] == "ok" else Statistics()
+    stats = fit.stats(group, family) if job["status"] == "ok" else Statistics()
     exact = all_exact(stats)
     return {
         "material": job["material"],

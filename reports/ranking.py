@@ -12,8 +12,7 @@ import pandas as pd
 from bench.compare.paired import AGAINST, Against, against_jobs
 from bench.compare.statistics import mean_ranks
 from bench.inputs.errors import InputError
-from bench.metrics import mean_over
-from bench.records import PSNR, Run
+from bench.records import Run
 from reports.rows import MaterialRows
 
 SAME_DB = 0.005  # tables do not show a smaller difference, so such codecs share a rank
@@ -26,9 +25,8 @@ def ranked(materials: Iterable[MaterialRows]) -> pd.DataFrame:
     of_scene: list[str] = []  # labels
     for number, material in enumerate(materials):
         for codec in material.codecs:
-            psnr = mean_over([row.job for row in codec.measured], PSNR)
-            if psnr is not None:
-                psnr_of.setdefault(codec.label, {})[number] = psnr
+            if codec.psnr is not None:
+                psnr_of.setdefault(codec.label, {})[number] = codec.psnr
             if codec.of_scene:
                 of_scene.append(codec.label)
     labels = pd.Index(list(psnr_of), dtype=object)  # strings of pandas cannot hold every name

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from bench.compare.frame import FUSED, values_of
-from bench.metrics import all_exact, metric_of, stats_of
+from bench.metrics import all_exact, mean_over, metric_of, stats_of
 from bench.records import (
     CONDITIONS,
     PSNR,
@@ -108,6 +108,11 @@ class CodecRows:
     def of_scene(self) -> bool:
         """Whether its files were fitted to a scene, so that its quality over the whole material is not ranked."""
         return any(fitted_to_scene(row.job) for row in self.measured)
+
+    @property
+    def psnr(self) -> float | None:
+        """The mean over seeds of the mean display PSNR of the slices that decide, in dB; None without a number."""
+        return mean_over([row.job for row in self.measured], PSNR)
 
     @property
     def exact(self) -> bool:

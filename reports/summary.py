@@ -54,6 +54,11 @@ def summary_table(
     if len(ranking) < 2:
         return None
     codecs = with_rank(materials, ranking)
+    names = [material.name for material in measured]
+    differences = _Differences([], [], [])
+    if intervals:
+        to_one = against_one(run, materials, codecs, against)
+        differences = _differences(to_one, ranking.index, names, codecs, against)
     measures, means_of = _means(measured)
     means = [
         Column("mean rank", "↓", "rank"),
@@ -69,22 +74,14 @@ def summary_table(
         Column("codec", "", "codec"),
         Column("materials", "", "materials", write=lambda row: f"{row['materials']:.0f} of {len(measured)}"),
         *means,
+        *differences.columns,  # to the right, and never marked
     ]
     values = ranking.join(means_of)
     fields = [column.field for column in means]
     values[fields] = values[fields].where(values["rank"].notna())
     values["stale"] &= stale
-    values = values.reset_index(names="codec")
-    names = [material.name for material in measured]
-    notes_on_differences: list[Note] = []
-    # To the right, the differences to one row; they are never marked.
-    if intervals:
-        to_one = against_one(run, materials, codecs, against)
-        differences = _differences(to_one, values["codec"], names, codecs, against)
-        columns += differences.columns
-        values = values.join(pd.DataFrame(differences.rows, dtype=object))
-        notes_on_differences = differences.notes
-    notes = _all_notes(run, materials, measured, notes_on_differences)
+    values = values.reset_index(names="codec").join(pd.DataFrame(differences.rows, dtype=object))
+    notes = _all_notes(run, materials, measured, differences.notes)
     title = f"Summary over {len(names)} material{'s' if len(names) > 1 else ''}: {', '.join(names)}"
     return written("summary", title, values, columns, notes)
 
