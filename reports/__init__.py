@@ -250,11 +250,12 @@ def write_report(run_folder: str | Path, vector: bool = False) -> Report:
     return write(Path(run_folder), vector)
 
 
-def write_history(runs: Sequence["Run"], folder: Path) -> list[Path]:
-    """Draw quality, bytes and time of each codec over the code revisions at which the runs were measured.
+def write_history(frame: "pd.DataFrame", folder: Path) -> list[Path]:
+    """Draw quality, bytes and time of each codec over the code revisions at which runs were measured, given the frame
+    of their jobs by `bench.load_runs`.
 
     Writes figures and `history.html` into the folder; returns the paths of the files, `history.html` last.
     """
     from reports.write import write_history
 
-    return write_history(runs, folder)
+    return write_history(frame, folder)

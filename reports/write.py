@@ -7,6 +7,7 @@ table as two, for LaTeX and the page.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.files import atomic
 from bench.records import Run, kind_of, load_run
@@ -19,6 +20,9 @@ from reports.table import Table
 from reports.tables import all_tables
 from reports.terminal import terminal
 from reports.text import latex, markdown
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 VECTOR = ("svg", "pdf")  # endings of files
 
@@ -90,11 +94,11 @@ class _ReportFolder:
             path.unlink()
 
 
-def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
+def write_history(frame: "pd.DataFrame", folder: Path) -> list[Path]:
     """Write the figures and the page of a history into a folder, as `reports.write_history` says."""
     files: list[Path] = []
     inline_figures = []  # of each figure: the name of its material, and its SVG
-    for figure in history_figures(runs):
+    for figure in history_figures(frame):
         written = _write_figure(figure, folder, VECTOR)
         files += written
         (svg,) = [path.read_text(encoding="utf-8") for path in written if path.suffix == ".svg"]

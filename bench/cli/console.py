@@ -3,6 +3,8 @@
 import sys
 import time
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from textwrap import indent
 from typing import TYPE_CHECKING, Any, cast
 
 from rich.console import Console as RichConsole
@@ -15,6 +17,23 @@ from bench.records import MOST_DB, PSNR
 
 SILENCE = 10.0  # without a terminal, seconds between two lines of progress
 PACE = 600.0  # seconds before now, of which a bar's pace is the mean: a step may take minutes
+
+# What a number means where its name does not say it, by the names of the fields that lead to it.
+_MEANINGS = {
+    "slices_read": "values are of these; others may hold more, or NaN",
+    "exposed/code": "of 255, the mean of the median slice as displayed",
+    "exposed/black": "dB, what black scores",
+    "half_vectors/shares": "of the variation of brightness, which half vectors explain, by frame",
+    "half_vectors/likely": "as given, if no other frame is clearly better",
+    "lobe/difference_share": "of the mean lobe, which phi_i - phi_o explains",
+    "lobe/sum_share": "which phi_i + phi_o explains; it does if one side is mirrored",
+    "lobe/peak_deg": "of phi_i - phi_o, where the lobe is brightest; 180 is the mirror direction",
+    "material/layers": "of the decoder, with trainable parameters, counted by torchinfo",
+    "scene/window": "first row, first column, height, width in texels",
+    "scene/factor": "texels along a box",
+    "scene/uniform": "share of samples spread evenly",
+    "trained_on": "materials; this file holds no material, but the network that the codec shares over them",
+}
 
 if TYPE_CHECKING:
     from bench.runs.job import Outcome
@@ -89,7 +108,7 @@ class Console:
 
     def say_file(self, header: Header) -> None:
         """Print what a codec file is: its codec, settings, bytes and cost."""
-        self.say(file_lines(file_fields(header)))
+        self.say(fields_text(file_fields(header)))
 
     def ended(self, outcome: "Outcome") -> None:
         """Print a finished job in one line, with the progress of the run if no bar shows it."""
@@ -149,140 +168,69 @@ def _material_fields(header: Header) -> dict[str, Any]:
         "bytes_per_sample": material.cost.bytes_per_sample,
         "layers": [{"name": name, "kind": kind, "parameters": count} for name, kind, count in layers(material)],
     }
+    if material.opaque:
+        fields["decoder"] = "another program, which does not tell its parameters and its cost"
     if network:
         fields["network"] = {"path": str(network.path), "bytes": network.file_bytes, "sha256": network.sha256}
     return fields
 
 
-def file_lines(file: dict[str, Any]) -> str:
-    """Describe a codec file by its `file_fields`."""
-    settings = ", ".join(f"{key} = {value}" for key, value in file["settings"].items())
-    sizes = ", ".join(f"{part} {size:,}" for part, size in file["bytes"].items() if part != "total")
-    lines = [
-        f"{file['path']}: codec {file['codec']}, version {file['version']}, {file['bytes']['total']:,} bytes",
-        f"settings: {settings or 'none'}",
-        f"bytes: {sizes}",
-    ]
-    if "material" in file:
-        lines += _material_lines(file["material"])
-    else:
-        lines.append("this file holds no material, but the network that the codec shares over materials")
-        lines.append(f"trained on: {file['trained_on']} materials")
-    if "scene" in file:
-        lines.append(_scene_line(file["scene"]))
-    lines += [f"provenance: {key} = {value}" for key, value in file["provenance"].items()]
-    for name, tensor in file["tensors"].items():
-        form = " × ".join(map(str, tensor["shape"])) or "scalar"
-        lines.append(f"  {name}  {tensor['dtype']} {form}  {tensor['bytes']:,} bytes")
-    lines.append(f"sha256 of its content: {file['sha256']}")
-    return "\n".join(visible(line) for line in lines)
+def fields_text(fields: Mapping[str, Any], within: str = "") -> str:
+    """Fields as lines such as "pairs: 6,561", without control characters.
 
-
-def _scene_line(scene: dict[str, Any]) -> str:
-    """Describe the scene that a codec file was fitted to, by the facts in its header."""
-    top, left, height, width = scene["window"]
-    across = scene["factor"]
-    sides = " × ".join(map(str, scene["size"]))
-    return (
-        f"fitted to the scene {scene['name']}, demand {scene['demand'][:12]}: {height} × {width} texels of {sides} "
-        f"from row {top}, column {left}, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
-        f"{scene['uniform']:.0%} of samples spread evenly"
-    )
-
-
-def _material_lines(material: dict[str, Any]) -> list[str]:
-    """Describe the material that a codec file decodes to, with the layers of its decoder if there are any."""
-    lines = [f"resolution: {material['size'][0]} × {material['size'][1]} texels"]
-    if material["parameters"] is None:
-        lines.append("decoder: another program, which does not tell its parameters and its cost")
-    else:
-        lines.append(
-            f"decoder: {material['parameters']:,} parameters, {material['texture_channels']} texture channels, "
-            f"{material['flops_per_sample']:,} FLOP and {material['bytes_per_sample']:,} bytes read a sample"
-        )
-    rows = [(layer["name"], layer["kind"], f"{layer['parameters']:,}") for layer in material["layers"]]
-    if rows:
-        lines.append("layers of the decoder and their trainable parameters, counted by torchinfo:")
-        name_width = max(len(name) for name, _, _ in rows)
-        kind_width = max(len(kind) for _, kind, _ in rows)
-        count_width = max(len(count) for _, _, count in rows)
-        for name, kind, count in rows:
-            lines.append(f"  {name:<{name_width}}  {kind:<{kind_width}}  {count:>{count_width}}")
-    network = material.get("network")
-    if network:
-        lines.append(f"shared network: {network['path']}, {network['bytes']:,} bytes, sha256 {network['sha256']}")
-    return lines
-
-
-def btf_lines(btf: dict[str, Any]) -> str:
-    """Describe a BTF by its `bench.data.described.btf_fields`."""
-    repeats = "periodic" if btf["periodic"] else "not periodic"
-    lines = [
-        f"{btf['name']}: {btf['shape'][0]} × {btf['shape'][1]} texels, {btf['pairs']:,} pairs, {repeats}",
-        f"training: {_pairs_line(btf['training'])}",
-    ]
-    for name, pairs in btf["heldout"].items():
-        title = "held out" if name == "heldout" else f"held out, {name}"
-        lines.append(f"{title}: {_pairs_line(pairs)}")
-    if not btf["heldout"]:
-        lines.append("held out: no pairs")
-    if btf["low_light"]["pairs"]:
-        lines.append(f"low light: {_pairs_line(btf['low_light'])}")
-    slices_read = "of all slices"
-    if btf["slices_read"] < btf["pairs"]:
-        slices_read = f"of {btf['slices_read']:,} of {btf['pairs']:,} slices; others may hold more, or NaN"
-    values = ", ".join(f"{name} {value:.4g}" for name, value in btf["values"].items())
-    lines.append(f"values ({slices_read}): {values}")
-    exposed = btf["exposed"]
-    shown = f"the median slice has a mean display code of {exposed['code']:.0f} of 255"
-    lines.append(f"exposure: {exposed['exposure']:.4g}; {shown}, and black scores {exposed['black']:.1f} dB")
-    lines += _frame_lines(btf)
-    lines.append(f"fingerprint: {btf['fingerprint']}")
-    for key, value in btf["provenance"].items():
-        words = value
-        if isinstance(value, dict):
-            words = ", ".join(f"{name} = {entry}" for name, entry in value.items())
-        lines.append(f"  {key}: {words}")
-    lines += [f"warning: {text}" for text in btf["warnings"]]
-    return "\n".join(visible(line) for line in lines)
-
-
-def _frame_lines(btf: dict[str, Any]) -> list[str]:
-    """Say whether the azimuths of views and lights seem to be right, or why that is not known.
-
-    Around the normal, a surface reflects most toward the mirror direction, 180° away from the light. So its mean lobe,
-    the mean radiance over texels by azimuth, should follow the difference φ_i − φ_o. If it follows the sum instead, the
-    azimuths of views or of lights are mirrored.
+    Nested fields are indented, records of the same fields are a table, and of sentences each has a line. `within` is
+    the name of the field that holds these, with a slash: "lobe/".
     """
-    if btf["views"] < 2:
-        return ["one view: a codec's answers from other views are not measured"]
-    half_vectors = btf["half_vectors"]
-    if half_vectors:
-        shares = [f"{share:.0%} {frame}" for frame, share in half_vectors["shares"].items()]
-        none_better = "" if half_vectors["likely"] != "as given" else ": no other frame is clearly better"
-        return [f"frame: half vectors of {half_vectors['count']} pairs explain {', '.join(shares)}{none_better}"]
-    lobe = btf["lobe"]
-    if not lobe:
-        from bench.data.half_vectors import LEAST_PAIRS
-
-        return [
-            "frame: not checked: views and lights share no ring of azimuths with all pairs, or all is dark there, and "
-            f"fewer than {LEAST_PAIRS} training pairs are lit"
-        ]
-    explained = f"{lobe['difference_share']:.0%} of the mean lobe at theta {lobe['theta_deg']:.0f}°"
-    return [
-        f"frame: phi_i - phi_o explains {explained}, most at {lobe['peak_deg']:.0f}° (180°: mirror direction); "
-        f"phi_i + phi_o (if one side is mirrored) {lobe['sum_share']:.0%}"
-    ]
+    lines = []
+    for name, value in fields.items():
+        title = visible(name)
+        if within + name in _MEANINGS:
+            title += f" ({_MEANINGS[within + name]})"
+        records = _records(value)
+        if records:
+            block = _table(records)
+        elif value and isinstance(value, Mapping):
+            block = fields_text(value, f"{within}{name}/")
+        elif value and name in ("notes", "warnings"):
+            block = "\n".join(map(visible, value))
+        else:
+            lines.append(f"{title}: {_in_words(name, value)}")
+            continue
+        lines += [f"{title}:", indent(block, "  ")]
+    return "\n".join(lines)
 
 
-def _pairs_line(pairs: dict[str, Any]) -> str:
-    """Describe some pairs of a BTF by their fields in `bench.data.described`."""
-    if not pairs["pairs"]:
-        return "no pairs"
-    line = f"{pairs['pairs']:,} pairs"
-    for word in ("view", "light"):
-        count = pairs[f"{word}s"]
-        plural = "" if count == 1 else "s"
-        line += f", {count:,} {word}{plural} up to {pairs[f'{word}_theta_deg']:.1f}°"
-    return f"{line} (their product)" if pairs["product"] else line
+def _records(value: Any) -> list[dict[str, Any]]:
+    """The records of a field that is a list of them, or has them by name, which becomes their first field; none if the
+    field holds something else, or records of different fields."""
+    entries = list(value.values()) if isinstance(value, Mapping) else value
+    if not isinstance(entries, list) or not all(isinstance(each, Mapping) for each in entries):
+        return []
+    if any(each.keys() != entries[0].keys() for each in entries):
+        return []
+    if isinstance(value, Mapping):
+        return [{"name": name, **each} for name, each in value.items()]
+    return entries
+
+
+def _table(records: Sequence[Mapping[str, Any]]) -> str:
+    """Records of the same fields as a table with a line for each, numbers to the right."""
+    columns = []
+    for name, first in records[0].items():
+        cells = [visible(name), *(_in_words(name, record[name]) for record in records)]
+        width = max(map(len, cells))
+        side = ">" if isinstance(first, int | float) else "<"
+        columns.append([f"{cell:{side}{width}}" for cell in cells])
+    return "\n".join("  ".join(line).rstrip() for line in zip(*columns, strict=True))
+
+
+def _in_words(name: str, value: Any) -> str:
+    """The value of a field on one line; sides, in texels or of a tensor, stand as "64 × 64"."""
+    if value is None or value in ([], (), {}):
+        return "none"
+    if isinstance(value, list | tuple):
+        between = " × " if name in ("shape", "size") else ", "
+        return between.join(_in_words("", each) for each in value)
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}"
+    return f"{value:.4g}" if isinstance(value, float) else visible(str(value))

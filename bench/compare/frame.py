@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 EAGER, FUSED, GPU = "eager", "fused", "gpu"  # kinds of times of a query
-_START_TIME = "%Y%m%dT%H%M%S.%f"
 _NEEDED = ("run", "score_key")  # fields of a finished job without which nothing says whether it is comparable
 _COSTS = {  # columns that are no metrics: unit; lower is better
     "bits": "bits a texel",
@@ -123,7 +122,7 @@ def _framed(rows: Sequence[_Row], jobs: Iterable[Job]) -> "pd.DataFrame":
         columns[name] = pd.Series(values, dtype=object if has_text else None)
     frame = pd.DataFrame(columns)
     if rows:
-        frame["started"] = pd.to_datetime(frame["started"], format=_START_TIME, utc=True, errors="coerce")
+        frame["started"] = pd.to_datetime(frame["started"], format="ISO8601", utc=True, errors="coerce")
     facts: dict[str, MetricFacts] = {}
     for job in jobs:
         facts |= job.get("metrics", {})

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array, Layout
+from bench.data.half_vectors import LEAST_PAIRS
 from bench.data.portrait import Look
 from bench.directions.hemisphere import to_degrees
 
 
 def btf_fields(portrait: Look) -> dict[str, Any]:
     """Size, directions, split, range of values, exposure, fingerprint and reader's notes of a BTF, what was found of
-    its azimuths, and warnings."""
+    its azimuths, warnings, and notes on what the data do not tell."""
     btf, halves = portrait.btf, portrait.half_vectors
     split = btf.split()
     low, high = portrait.extremes
@@ -33,7 +34,20 @@ def btf_fields(portrait: Look) -> dict[str, Any]:
         "fingerprint": btf.fingerprint,
         "provenance": btf.provenance,
         "warnings": portrait.warnings(),
+        "notes": _notes(portrait),
     }
+
+
+def _notes(portrait: Look) -> list[str]:
+    """Sentences on what the data do not tell: other views, and whether their frame is right."""
+    if len(portrait.layout.views) < 2:
+        return ["one view: a codec's answers from other views are not measured"]
+    if portrait.half_vectors or portrait.lobe:
+        return []
+    return [
+        "frame: not checked: views and lights share no ring of azimuths with all pairs, or all is dark there, and "
+        f"fewer than {LEAST_PAIRS} training pairs are lit"
+    ]
 
 
 def _pairs_fields(btf: BTF, pairs: Array) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from typing import Any
 
 from fuzzing import Reading, Target, main
 
-from bench.cli.console import file_fields, file_lines
+from bench.cli.console import fields_text, file_fields
 from bench.codec import Fit
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import codec_entries, load_codec
@@ -171,7 +171,7 @@ def attack(sample: Path, scratch: Path, rng: random.Random) -> Reading:
 def read(path: Path) -> None:
     """Decode a file and ask it; raises where an answer is not finite."""
     material = loading.load(path).material
-    file_lines(file_fields(container.read_header(path)))  # as `info` describes it
+    fields_text(file_fields(container.read_header(path)))  # as `info` describes it
     answer = material.slice((0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (4, 4))
     if not answer.isfinite().all():
         raise AssertionError("an answer is not finite")

@@ -1,5 +1,6 @@
 import numpy as np
 
+from bench.compare.frame import load_runs
 from bench.compare.reference import reference
 from bench.records import append, load_run
 from reports.figures import history
@@ -12,7 +13,7 @@ def test_test_and_validation_pairs_are_two_lines_and_starts_of_one_revision_are_
         made.job("vq", psnr=20.0 + int(run[7]), run=run, split=split, seed=int(run[7]))
     drawn, plain = {}, history.new
     monkeypatch.setattr(history, "new", lambda *size: drawn.setdefault("figure", plain(*size)))
-    list(history.history_figures([load_run(made.folder)]))
+    list(history.history_figures(load_runs(made.folder)))
     quality, *_, time = drawn["figure"].axes
     lines = dict(zip([text.get_text() for text in quality.get_legend().get_texts()], quality.lines, strict=True))
     assert {"vq, test pairs", "vq, validation pairs"} <= set(lines)
@@ -30,6 +31,6 @@ def test_a_reference_whose_starts_have_no_names_is_drawn_as_one_of_them(made, tm
     path.write_text(reference(load_run(made.folder)))
     drawn, plain = {}, history.new
     monkeypatch.setattr(history, "new", lambda *size: drawn.setdefault("figure", plain(*size)))
-    assert len(list(history.history_figures([load_run(path)]))) == 1
+    assert len(list(history.history_figures(load_runs(path)))) == 1
     quality = drawn["figure"].axes[0]
     assert [list(line.get_ydata()) for line in quality.lines] == [[30.0]]

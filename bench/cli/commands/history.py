@@ -21,7 +21,7 @@ from bench.cli.commands import say_line
 from bench.compare.frame import load_runs
 from bench.inputs.errors import FINE, NOTHING, visible, writable
 from bench.metrics import in_decibels, is_relative, label_of
-from bench.records import grouped, load_run
+from bench.records import grouped
 from reports import write_history
 from reports.numbers import NONE
 
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
         print(_table_of_means(frame))
         return FINE
     with writable(options.plot, "choose another --plot"):
-        written = write_history([load_run(run) for run in options.runs], options.plot)
+        written = write_history(frame, options.plot)
     for path in written:
         say_line(f"wrote {path}")
     return FINE

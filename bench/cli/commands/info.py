@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import json_option, json_writer, read_as, reading_options, say_line
-from bench.cli.console import btf_lines, file_fields, file_lines
+from bench.cli.console import fields_text, file_fields
 from bench.codecs.container import MAGIC, SUFFIX, read_header
 from bench.data.described import btf_fields
 from bench.data.open import open_named
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
         if options.picture:
             raise InputError(f"{path}: --picture draws a BTF, and this is a codec file: decode it and draw the result")
         file = file_fields(read_header(path))
-        print(file_lines(file))
+        print(fields_text(file))
         write_json(file)
         return FINE
 
@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
         refuse_other_kind(options.picture, ".png", begins(PNG))
     portrait = look(open_named(options.path, read_as(options)))
     btf = btf_fields(portrait)
-    print(btf_lines(btf))
+    print(fields_text(btf))
     if options.picture:
         draw(portrait, options.picture)
         say_line(f"wrote {options.picture}")

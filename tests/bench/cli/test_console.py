@@ -68,6 +68,31 @@ def test_a_job_is_one_line_whatever_its_name(clock, capsys):
     assert said.count("\n") == 1
 
 
-def test_a_decoder_that_is_another_program_has_no_number_of_parameters():
-    lines = console._material_lines({"size": (4, 4), "parameters": None, "layers": []})
-    assert "does not tell its parameters" in lines[1]
+def test_fields_are_lines_and_records_are_tables():
+    fields = {
+        "size": [4, 16],
+        "periodic": False,
+        "lobe": {"sum_share": 0.123456, "seen\x1b": None},
+        "layers": [{"kind": "Linear", "parameters": 1250}, {"kind": "Norm", "parameters": 8}],
+        "tensors": {"a": {"shape": [2, 3]}},
+        "warnings": ["one", "two\nthree"],
+        "notes": [],
+    }
+    assert console.fields_text(fields).splitlines() == [
+        "size: 4 × 16",
+        "periodic: False",
+        "lobe:",
+        f"  sum_share ({console._MEANINGS['lobe/sum_share']}): 0.1235",
+        r"  seen\x1b: none",
+        "layers:",
+        "  kind    parameters",
+        "  Linear       1,250",
+        "  Norm             8",
+        "tensors:",
+        "  name  shape",
+        "  a     2 × 3",
+        "warnings:",
+        "  one",
+        r"  two\nthree",
+        "notes: none",
+    ]

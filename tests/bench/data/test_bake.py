@@ -11,7 +11,7 @@ from PIL import Image
 
 from bench import cli
 from bench.btf import box_filter
-from bench.cli.console import btf_lines
+from bench.cli.console import fields_text
 from bench.codec import silent
 from bench.data.bake import bake, looks_like_maps, open_svbrdf, read_surface, recognise
 from bench.data.bake.surface import SUB_POINTS
@@ -551,7 +551,7 @@ def test_a_bake_says_its_size_that_of_the_maps_and_what_all_texels_would_take(tm
 
 def test_the_maps_of_a_folder_are_listed_once_and_as_words(tmp_path, capsys, caplog):
     folder = save(tmp_path / "m", albedo=flat([0.2, 0.4, 0.6], 32))
-    described = btf_lines(btf_fields(look(open_svbrdf(folder, SMALL, silent))))
+    described = fields_text(btf_fields(look(open_svbrdf(folder, SMALL, silent))))
     assert caplog.text.count("albedo.png") == 1
     assert "{" not in described
     assert "albedo.png" in described

@@ -61,6 +61,6 @@ def test_info_tells_the_frame_and_warns_of_a_mirrored_one(tmp_path, capsys):
         assert cli.main(["info", str(tmp_path / f"{each.name}.npz")]) == 0
         return capsys.readouterr().out
 
-    assert "explains 68%" in told(btf)
-    assert "mirrored" in told(mirrored(btf)).partition("warning")[2]
+    assert "explains): 0.67" in told(btf)
+    assert "mirrored" in told(mirrored(btf)).partition("warnings")[2]
     assert "not checked" in told(tiny_btf(8, 5, 5))  # too few pairs

@@ -46,6 +46,14 @@ def test_many_runs_are_one_frame(runs):
     assert (frame["status"][2], frame["error"][2]) == ("failed", "no luck")
 
 
+def test_a_start_is_named_after_its_time_with_or_without_a_fraction_of_a_second(tmp_path):
+    for number, run in enumerate(("20251123T093106", "20251123T093106.500000", "1")):
+        job = {"kind": "job", "job": f"satin/vq/{number}", "run": run, "material": "satin", "label": "vq"}
+        append(tmp_path, job | {"seed": number, "status": "failed", "error": "no luck"})
+    start = pd.Timestamp("2025-11-23 09:31:06", tz="UTC")
+    assert list(bench.load_runs(tmp_path)["started"]) == [start, start + pd.Timedelta(seconds=0.5), pd.NaT]
+
+
 def test_nothing_measured_is_an_empty_frame(tmp_path):
     append(tmp_path, {"kind": "run", "run": "1"})
     assert bench.load_runs(tmp_path).empty

@@ -31,7 +31,7 @@ def measured(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("brief")
-def test_of_a_codec_file(measured):
+def test_of_a_codec_file(measured, monkeypatch):
     fit = ["--codec", "neubtf-direct", "--set", "steps=2"]
     assert cli.main(["encode", measured, *fit, "-o", "a.nbtf"]) == 0
     file, header, material = written("a.nbtf"), read_header(Path("a.nbtf")), load(Path("a.nbtf")).material
@@ -44,6 +44,8 @@ def test_of_a_codec_file(measured):
     assert file["material"]["parameters"] == parameters(material)
     assert file["material"]["flops_per_sample"] == material.cost.flops_per_sample
     assert [tuple(layer.values()) for layer in file["material"]["layers"]] == layers(material)
+    monkeypatch.setattr(type(material), "opaque", True)
+    assert "another program" in written("a.nbtf")["material"]["decoder"]
 
 
 def test_of_a_btf(measured):
