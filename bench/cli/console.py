@@ -20,7 +20,7 @@ PACE = 600.0  # seconds before now, of which a bar's pace is the mean: a step ma
 
 # What a number means where its name does not say it, by the names of the fields that lead to it.
 _MEANINGS = {
-    "slices_read": "values are of these; others may hold more, or NaN",
+    "slices_read": "values are of these alone",
     "exposed/code": "of 255, the mean of the median slice as displayed",
     "exposed/black": "dB, what black scores",
     "half_vectors/shares": "of the variation of brightness, which half vectors explain, by frame",
