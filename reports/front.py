@@ -7,11 +7,10 @@ Times of queries are multiples of the floor. The *lead* of a line is by how many
 equal bytes.
 """
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from math import isnan, log2, nan
-from operator import itemgetter
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -41,12 +40,11 @@ from reports.of_rungs import (
     why_absent,
     written_together,
 )
-from reports.rungs import BYTES, EAGER, ENOUGH, FIT, Budget, Rungs, median_over, rungs_of
+from reports.rungs import BYTES, EAGER, ENOUGH, FIT, Budget, Rungs, rungs_of
 from reports.table import Note, Table
 from reports.values import Column, Row, written
 
 _LEAD = {"lead", "95 % interval"}  # names of columns of the lead, which notes are about
-_TOTAL = Column("total", "bytes", "total", 0)
 _TIED = 3  # codecs with the same number that a cell names
 _WITHIN = (
     "Within a size: read off the curve of the rungs that validation pairs choose, at its end if it ends before; "
@@ -210,12 +208,11 @@ def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
 
 def rung_tables(run: Run) -> Iterator[Table]:
     """A table a material of the rungs that were chosen on it, with their budgets and quality. If there are several
-    materials, the ladders of all lines and the medians over the materials come first."""
+    materials, the ladders of all lines come first."""
     rungs = rungs_of(run)
     notes = [_CHOICE, *common_notes(run, rungs)]
     if len(rungs.surfaces) > 1:
         yield _ladders_table(rungs)
-        yield from _medians_table(rungs, notes)
     for material in rungs.surfaces:
         yield _chosen_table(rungs, material, notes)
 
@@ -226,17 +223,6 @@ def _ladders_table(rungs: Rungs) -> Table:
     columns += [Column("bits a texel", "medians", "bits"), Column("seeds", "of each", "seeds")]
     note = "A codec has one row if it has the same rungs, with as many seeds, on each surface that it has."
     return written("rungs", "Ladders: what was measured of each codec", _ladders(rungs), columns, [note], words=2)
-
-
-def _medians_table(rungs: Rungs, notes: Sequence[str]) -> Iterator[Table]:
-    """The medians over the materials of the rungs of each budget; no table if no budget has a rung on all of them."""
-    medians = [_TOTAL, *METRICS]
-    rows = list(_median_rows(rungs, medians))
-    if rows:
-        values = pd.DataFrame(rows)
-        values["stale"] = stale_of(rungs, values["codec"])
-        title = f"Medians over {len(rungs.surfaces)} materials of the rung of each budget"
-        yield written("rungs", title, values, [CODEC, _budgets_column(rungs), *medians], notes, words=2)
 
 
 def _chosen_table(rungs: Rungs, material: str, notes: Sequence[str]) -> Table:
@@ -251,15 +237,11 @@ def _chosen_table(rungs: Rungs, material: str, notes: Sequence[str]) -> Table:
     values["stale"] = stale_of(rungs, values["codec"], [material])
     numbers, _ = pd.factorize(values["codec"])  # of each rung that of its codec, by first appearance
     values = values.iloc[numbers.argsort(kind="stable")]  # the rungs of a codec stand together
-    columns = [CODEC, Column("rung", "", "setting"), _budgets_column(rungs), _TOTAL]
-    columns += [Column("validation", "dB", "validation", 2), *METRICS]
+    at_budgets = "at bits, times" if rungs.times else "at bits a texel"
+    columns = [CODEC, Column("rung", "", "setting"), Column(at_budgets, "", "budgets")]
+    columns += [Column("total", "bytes", "total", 0), Column("validation", "dB", "validation", 2), *METRICS]
     columns += [Column(kind, unit_of(kind), kind, -3) for kind in rungs.times]
     return written("rungs", f"{material}: the rung of each budget", values, columns, notes, words=3, material=material)
-
-
-def _budgets_column(rungs: Rungs) -> Column:
-    """The column of the budgets that choose a rung."""
-    return Column("at bits, times" if rungs.times else "at bits a texel", "", "budgets")
 
 
 def _ladders(rungs: Rungs) -> pd.DataFrame:
@@ -279,25 +261,6 @@ def _ladders(rungs: Rungs) -> pd.DataFrame:
             row |= {"rungs": len(ladder), "bits": ", ".join(significant(size, 2) for size in bits)}
             rows.append(row | {"seeds": ", ".join(str(seeds[label]) for label in bits.index)})
     return pd.DataFrame(rows)
-
-
-def _median_rows(rungs: Rungs, columns: Sequence[Column]) -> Iterator[Row]:
-    """Rows of the table of medians over the materials: line, budgets, and a median for each column.
-
-    Budgets at which a line has the same numbers share a row, because mostly the same rungs were chosen.
-    """
-    rows: list[dict[Hashable, Any]] = []  # of each budget and line, with the numbers as they read
-    for budget in rungs.limits:
-        picks = rungs.picks(budget, list(rungs.surfaces))
-        medians = pd.DataFrame({column.field: median_over(rungs.of_picks(picks, column.field)) for column in columns})
-        for row in medians.assign(codec=medians.index).to_dict("records"):
-            values = [(row[column.field], column.digits) for column in columns]
-            # None for NaN, which is not equal to itself, so that no row would be like another.
-            read = tuple(None if isnan(value) else as_read(value, digits) for value, digits in values)
-            rows.append({**row, "read": read, "budget": budget})
-    for of_line in grouped(rows, itemgetter("codec")).values():
-        for alike in grouped(of_line, itemgetter("read")).values():
-            yield alike[0] | {"budgets": _span([row["budget"] for row in alike])}
 
 
 def _span(limits: Sequence[Budget]) -> str:

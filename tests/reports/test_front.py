@@ -116,8 +116,7 @@ def test_no_best_is_marked_where_a_codec_leads_on_the_surfaces_that_it_has(made)
 
 
 def test_the_rungs_are_named_by_material(ladder):
-    _, medians, satin, _ = TABLES["rungs"](load_run(ladder))
-    assert medians.rows[0] == ["pca", "16–32", "128", "24.50", "0.750", "0.750"]
+    _, satin, _ = TABLES["rungs"](load_run(ladder))
     assert satin.material == "satin"
     assert satin.rows == [
         ["pca", "components=2", "16–32", "128", "25.00", "24.00", "0.750", "0.750"],
