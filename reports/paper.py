@@ -53,7 +53,7 @@ _UNLIKE = (
 )
 _NOTES = (
     "Mean ± standard deviation over slices; with several seeds the means of both over seeds. “seeds”: how many, and ± "
-    "the standard deviation of the mean PSNR over them; on rendered surfaces each has held-out pairs of its own.",
+    "the standard deviation of the mean PSNR over them.",
     "Rows without recipe=paper are fitted by this suite's recipe, not by that of a paper.",
 )
 _HOW_TO_GET = "`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get."

@@ -39,27 +39,17 @@ def open_material(
     return kind_of(spec).open(spec, data, show, draw, path_tracer)
 
 
-def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
-    """The number of the draw of test pairs for a repetition (a seed of a suite); 0 if all repetitions share one.
-
-    They share one where pairs are measured, and where validation pairs are held out, which are one fixed draw.
-    """
-    if data.split == "test" and kind_of(spec).drawn:
-        return repetition
-    return 0
-
-
 def open_named(name: str, changes: Mapping[str, object], show: Progress = silent, words: bool = True) -> BTF:
     """The BTF of a built-in material or a path, with some settings of `Preparation` changed.
 
     `changes` maps keys such as `data.size` to values: texts as on a command line if `words`, else of the setting's
-    type. The further key `data.seed` is the repetition whose test pairs are drawn, as for the seeds of a suite. Keys
-    without `data.`, such as a codec's settings, are passed over. `InputError` if a setting does not affect this
-    material.
+    type. The further key `data.seed` is the number of another draw of test pairs than that of runs, 0, where these are
+    drawn. Keys without `data.`, such as a codec's settings, are passed over. `InputError` if a setting does not affect
+    this material.
     """
     spec = named(name)
     changes = dict(changes)
-    repetition = converted("data.seed:", Seed, changes.pop("data.seed", 0), words)
+    draw = converted("data.seed:", Seed, changes.pop("data.seed", 0), words)
     data_changes = {key: value for key, value in changes.items() if key.startswith("data.")}
     data = changed(Preparation(), data_changes, words)
     kind = kind_of(spec)
@@ -67,7 +57,7 @@ def open_named(name: str, changes: Mapping[str, object], show: Progress = silent
         reason = kind.ignores(spec, key)
         if reason:
             raise InputError(f"{key}: {reason}")
-    return open_material(spec, data, show, draw_of(spec, data, repetition))
+    return open_material(spec, data, show, draw)
 
 
 def from_arrays(

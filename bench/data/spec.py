@@ -3,7 +3,7 @@
 The pairs of a rendered material are a product to train on (every view with every light), and random held-out pairs for
 validation or test. `validation` pairs are one fixed draw; a codec's defaults, its recipe and when its fit stops are
 chosen on them. `test` pairs are only for tables of results; they use another random stream, with another draw for each
-repetition (a seed of the suite) and each material. Pairs of *low light* are one further draw, whose lights are lower
+material. Every seed of a suite has the same pairs. Pairs of *low light* are one further draw, whose lights are lower
 than any of the training pairs; they decide nothing. Pairs *between* texels are some of the held-out ones again, at
 half a texel down and to the right of the texel centres, where quality is scored otherwise.
 

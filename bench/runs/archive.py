@@ -207,11 +207,11 @@ def _verdict_on_job(
         return Verified(name, NOT_VERIFIED, "its record has no scores to compare")
     spec = _material_here(job, start, places)
     data = table(f"data of {name}", Preparation, start.get("data"))
-    if kind_of(spec).drawn and data.bytes_rendered > MOST_RENDERED:  # what has drawn pairs is rendered
+    if kind_of(spec).rendered and data.bytes_rendered > MOST_RENDERED:
         size = f"{data.bytes_rendered >> 30} GiB of {spec.name}, and an archive may ask for {MOST_RENDERED >> 30}"
         return Verified(name, NOT_VERIFIED, f"it would render {size}: run its suite here, and compare both")
     metrics = tuple(job["score_key"]["metrics"])
-    with open_workbench(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
+    with open_workbench(Opening(job["run"], spec, data, metrics), show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:
             return Verified(name, NOT_VERIFIED, f"the data of {spec.name} here differ from the submitted data")
         return _verdict_by_scoring(job, workbench, folder, out, show, data.split)

@@ -71,9 +71,7 @@ def work(task: Task, show: Progress = silent) -> Outcome:
     if not lock.can_use_folder(task.folder, task.run):  # the worker is on another host, which lacks the folder
         raise lock.error_of_unseen_folder(task.folder, f"the worker on {platform.node()}")
     try:
-        opening = Opening(
-            task.run, task.material, task.data, task.repetition, task.metrics, task.demand, scorers=task.scorers
-        )
+        opening = Opening(task.run, task.material, task.data, task.metrics, task.demand, scorers=task.scorers)
         with ExitStack() as opened:
             show_in_bars = opened.enter_context(ended_bars(show))  # ends a bar that an error leaves unfinished
             try:

@@ -236,8 +236,7 @@ class _Session:
 
     def _outcomes(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """The outcome of each job as it ends; first of those whose codec could not be made."""
-        # A worker keeps one material open, so jobs are sorted by material, and by repetition, because each repetition
-        # opens its material with other test pairs.
+        # A worker keeps one material open, so jobs are sorted by material; the first seed of every codec comes first.
         names = [material.name for material in self.suite.materials]
         in_order = sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition))
         runnable = []

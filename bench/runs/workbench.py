@@ -4,7 +4,7 @@ import logging
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import torch
 from bench.btf import BTF, Split
 from bench.codec import Progress
 from bench.data.kinds import kind_of
-from bench.data.open import draw_of, open_material
+from bench.data.open import open_material
 from bench.data.readers.checks import refuse_extremes
 from bench.data.spec import MaterialSpec, Preparation
 from bench.demand.demand import Demand
@@ -43,7 +43,6 @@ class Opening:
     run: str  # its name: another run opens the material, and reads the demand, anew
     material: MaterialSpec
     data: Preparation
-    repetition: int
     metrics: tuple[str, ...] = DEFAULTS  # as a suite names them
     demand: str = ""  # the file of a scene's demand
     scorers: int | None = None  # threads that score; None: one a core
@@ -254,25 +253,20 @@ def demand_of(run: str, path: str) -> Demand:
 
 @contextmanager
 def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
-    """The workbench of a material, for one thread at a time; consecutive jobs on one material share it.
-
-    Each repetition has its own draw of test pairs, if the material has several.
-    """
-    draw = draw_of(what.material, what.data, what.repetition)
-    key = replace(what, repetition=draw)  # equal for repetitions that have the same test pairs
+    """The workbench of a material, for one thread at a time; consecutive jobs on one material share it."""
     with _ONE_AT_A_TIME:
-        if key not in _latest:
+        if what not in _latest:
             _latest.clear()
-            workbench = _new_workbench(what, draw, show)
+            workbench = _new_workbench(what, show)
             _warn_of_faults(workbench, what.material)
-            _latest[key] = workbench
-        yield _latest[key]
+            _latest[what] = workbench
+        yield _latest[what]
 
 
-def _new_workbench(what: Opening, draw: int, show: Progress) -> Workbench:
-    """A new workbench, at the test pairs of one draw."""
+def _new_workbench(what: Opening, show: Progress) -> Workbench:
+    """A new workbench."""
     demand = demand_of(what.run, what.demand) if what.demand else None
-    btf = open_material(what.material, what.data, show, draw, load_path_tracer)
+    btf = open_material(what.material, what.data, show, 0, load_path_tracer)  # every run has the first draw
     if what.data.texels:
         btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it
     return Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)

@@ -359,7 +359,7 @@ def job() -> Any:
     suite = parse_suite("small", SMALL)
     folder = Path(tempfile.mkdtemp(prefix="fuzz-facts-"))
     task = Task("run", folder, suite.materials[0], suite.data, suite.codecs[0], 0, 1)
-    what = Opening(task.run, task.material, task.data, task.repetition)
+    what = Opening(task.run, task.material, task.data)
     workbench = open_workbench(what, lambda *_: None).__enter__()
     made = Attempt(task, workbench, lambda *_: None)
     made._file_and_facts()

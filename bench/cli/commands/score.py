@@ -9,7 +9,7 @@ examples:
   neubtf-bench score satin.nbtf satin
   neubtf-bench score slices satin
   neubtf-bench score small.nbtf satin --set data.size=32 --json small.json
-  neubtf-bench score satin.nbtf satin --set data.seed=1      # at the test pairs of another seed
+  neubtf-bench score satin.nbtf satin --set data.seed=1      # at another draw of test pairs
 """
 
 import argparse

@@ -47,7 +47,7 @@ OF_MEASURED = {
 class Kind(ABC):
     """A kind of surface."""
 
-    drawn = False  # whether each repetition (a seed of a suite) draws test pairs of its own
+    rendered = False  # whether the suite renders it, at pairs that it draws
 
     @abstractmethod
     def knows(self, spec: MaterialSpec) -> bool:

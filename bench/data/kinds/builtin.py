@@ -12,7 +12,7 @@ from bench.data.spec import MaterialSpec, Preparation
 class BuiltIn(Kind):
     """A material that has no path, but a name in `bench.data.materials`."""
 
-    drawn = True
+    rendered = True
 
     def knows(self, spec: MaterialSpec) -> bool:
         return not spec.path

@@ -13,7 +13,7 @@ from bench.inputs.errors import InputError
 class PbrMaps(Kind):
     """A folder whose pictures are named as maps."""
 
-    drawn = True
+    rendered = True
 
     def knows(self, spec: MaterialSpec) -> bool:
         """Whether its path is there and its pictures are named as maps; False for what is not on this machine."""

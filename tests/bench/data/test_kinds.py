@@ -10,7 +10,7 @@ import bench
 from bench.codec import silent
 from bench.data import kinds
 from bench.data.kinds import kind_of
-from bench.data.open import draw_of, open_material, open_named
+from bench.data.open import open_material, open_named
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
 from bench.records import kind_of as kind_of_job
@@ -29,7 +29,7 @@ from bench.directions.hemisphere import uniform
 
 
 class Chess(Kind):
-    drawn = True
+    rendered = True
 
     def knows(self, spec):
         return spec.path.endswith(".chess")
@@ -89,7 +89,6 @@ def test_what_a_kind_ignores_is_refused_and_its_test_pairs_are_drawn_anew(board:
     with pytest.raises(InputError, match=r"data\.views: .*twelve"):
         open_named(str(board), {"data.views": "9"})
     spec = MaterialSpec("board", str(board))
-    assert draw_of(spec, Preparation(), 3) == 3
     one, other = (open_material(spec, Preparation(size=8), silent, draw) for draw in (0, 1))
     assert one.fingerprint != other.fingerprint
 
@@ -98,8 +97,8 @@ def test_without_it_the_same_path_is_measured_data(tmp_path: Path) -> None:
     path = tmp_path / "board.chess"
     path.write_text("0.5")
     assert type(kind_of(MaterialSpec("board", str(path)))).__name__ == "Measured"
-    assert kind_of(MaterialSpec("satin")).drawn
-    assert not kind_of(MaterialSpec("a", "a.btf")).drawn
+    assert kind_of(MaterialSpec("satin")).rendered
+    assert not kind_of(MaterialSpec("a", "a.btf")).rendered
 
 
 def test_the_bytes_of_a_bake_count_all_tables() -> None:

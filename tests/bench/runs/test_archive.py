@@ -105,7 +105,6 @@ def put(path, value):
         ("label", "pca"),
         ("label", "pcacomponents=4"),
         ("curve", "vq"),
-        ("seed", 7),
     ],
 )
 def test_every_claim_is_compared(packed, tmp_path, capsys, path, value):
