@@ -8,7 +8,7 @@ import pytest
 
 from bench import cli
 from bench.inputs.errors import InputError
-from bench.records import FILE, Run, append, lines, load_run, view
+from bench.records import FILE, MOST_DB, Run, append, counted, lines, load_run, view
 
 LEAST = {"material": "satin", "label": "pca", "seed": 0}
 DONE = LEAST | {"status": "ok", "scores": {}, "metrics": {}, "bytes": {"total": 1}, "parameters": 0}
@@ -216,3 +216,7 @@ def test_a_job_that_replaces_no_other_leaves_the_choices_of_the_other_as_they_ar
         append(tmp_path / folder, choice | {"ratio_to_floor": 1.0, "ratio_interval95": [1.0, 1.0]})
     run = lines.load_together([tmp_path / "a", tmp_path / "b"], wanted=lambda job: job["run"] == "a")
     assert [choice["score_key"]["sha256"] for choice in run.choices] == ["a"]
+
+
+def test_a_psnr_without_error_counts_as_the_most_that_a_display_shows():
+    assert (counted(None), counted(30.0)) == (MOST_DB, 30.0)

@@ -1,6 +1,6 @@
 """Rungs, and the limits that they meet or miss."""
 
-from bench.compare.choosing import Limits, Rung, best_rung, usable_rungs
+from bench.compare.choosing import Limits, Rung, best_rung, has_validation, usable_rungs
 
 
 def rung(name, size, score, time=None):
@@ -29,3 +29,10 @@ def test_choices_without_an_error_and_with_validation_pairs_are_rungs():
     others = [good | {"error": "none"}, good | {"material": "brick"}, good | {"validation": {"slices": 0}}]
     others.append(good | {"label": "table"})  # uncompressed
     assert usable_rungs([*others, good], "satin") == [Rung(9, 30.0, 6.0, good)]
+
+
+def test_only_a_job_with_scores_of_validation_and_of_test_pairs_may_be_chosen():
+    group = {"metrics": {"psnr_display": {"mean": 30.0}}}
+    assert has_validation({"scores": {"heldout": group, "validation": group}})
+    for job in ({}, {"scores": {"heldout": group}}, {"scores": {"all": group, "validation": group}}):
+        assert not has_validation(job)
