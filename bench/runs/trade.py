@@ -220,7 +220,7 @@ def _measure_choices(trade: _Trade, spec: MaterialSpec, jobs: list[Job]) -> None
     timed: dict[str, Material] = {}  # by name of the choice
     for choice in _untimed_choices(trade, jobs):
         opening = Opening("trade", spec, suite.data, suite.metrics)
-        with open_workbench(opening, trade.show) as workbench:  # which stays open for jobs of the same seed
+        with open_workbench(opening, trade.show) as workbench:  # which stays open for the next choice
             row = trade.choice_row(choice.job, choice.variant)
             row |= trade.measured_before(row)
             try:
