@@ -18,7 +18,7 @@ from bench import records
 from bench.compare.comparison import check_whole
 from bench.compare.publishing import published_job
 from bench.compare.quantities import MAIN, deciding
-from bench.compare.verdicts import FEW_SEEDS, is_random, same_pairs, smallest_loss, why_unlike
+from bench.compare.verdicts import FEW_SEEDS, is_random, smallest_loss, why_unlike
 from bench.files.atomic import write
 from bench.inputs.errors import InputError, writable
 from bench.metrics import stats_of
@@ -130,28 +130,15 @@ def few_seeds(run: Run) -> list[str]:
     return ["/".join(row) for row, jobs in few if len({stats_of(job, PSNR).get("mean") for job in jobs}) != 1]
 
 
-def pairs_by_seed(run: Run) -> list[str]:
-    """The names, material/label, of rows whose seeds are scored at different pairs: their numbers differ by these,
-    too."""
-    return ["/".join(row) for row, jobs in by_row(run.jobs).items() if not same_pairs(jobs)]
-
-
 def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
     """By row and quantity, the smallest loss of PSNR in dB that `count` new seeds show, at held-out pairs (`MAIN`) and
-    at training pairs (`train`).
-
-    A row whose seeds have test pairs of their own is left out: its margin depends on the new run.
-    """
-    with_own_pairs = set(pairs_by_seed(run))
+    at training pairs (`train`)."""
     losses_of_row = {}
     for row, jobs in by_row(run.jobs).items():
-        name = "/".join(row)
-        if name in with_own_pairs:
-            continue
         quantities = deciding(jobs[0])
-        draws = is_random(quantities, jobs, jobs, jobs)  # the jobs stand for base, new and reference
+        draws = is_random(quantities, jobs)
         of_psnr = [quantity for quantity in quantities if quantity.name in (MAIN, "train")]
-        losses_of_row[name] = {each.name: smallest_loss(each, jobs, count, draws) for each in of_psnr}
+        losses_of_row["/".join(row)] = {each.name: smallest_loss(each, jobs, count, draws) for each in of_psnr}
     return losses_of_row
 
 
@@ -167,7 +154,6 @@ def seeds_of(run: Run) -> int:
 
 def limits(update: Update) -> list[str]:
     """Lines that say what a reference cannot tell: losses within chance, and codecs whose scatter is not known."""
-    with_own_pairs = pairs_by_seed(update.after)
     lines = []
     if update.losses:
         lines.append("losses below these cannot be told from chance on these materials:")
@@ -175,15 +161,9 @@ def limits(update: Update) -> list[str]:
         for name, loss_of in update.losses.items():
             listed = ", ".join(f"{word} {value:.2f} dB" for word, value in loss_of.items())
             lines.append(f"  {name:<{width}}  {listed}")
-    few = [name for name in few_seeds(update.after) if name not in with_own_pairs]
+    few = few_seeds(update.after)
     if few:
         lines.append(f"too few seeds to tell a spread; add some with `run --seed N --out RUN`: {', '.join(few)}")
-    if with_own_pairs:
-        lines.append(
-            "warning: each seed is scored at its own test pairs, so only seeds that a run shares with this reference "
-            'show a change, and margins are wide; write split = "validation" into [data] of the suite, and run it '
-            f"again: {', '.join(with_own_pairs)}"
-        )
     return lines
 
 

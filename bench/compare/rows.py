@@ -11,7 +11,7 @@ from statistics import fmean
 from bench.codecs.alike import obstacles
 from bench.compare.paired import interval_between_runs
 from bench.compare.quantities import MAIN, deciding, undeciding
-from bench.compare.verdicts import Change, Verdict, is_random, judge, other_settings, why_fits_unlike, why_unlike
+from bench.compare.verdicts import Change, Verdict, is_random, judge, other_settings, why_unlike
 from bench.records import CONDITIONS, Job, Run, Timing, by_row
 
 FACTOR = 1.25  # a smaller change of a ratio is not mentioned
@@ -153,8 +153,9 @@ def compare_row(
     unfinished, why = _verdict_on_unfinished(finished, after, declared)  # None and "" unless jobs failed or vanished
     if not finished or not new:
         return ComparedRow(material, label, unfinished or Verdict.NEW, why)
-    # A base may hold seeds of several versions of a codec. Those unlike the first tell nothing of its scatter.
-    base = [job for job in finished if not why_fits_unlike(finished[0], job)]
+    # A base may hold seeds of several versions of a codec, or with pairs of their own, as earlier versions of the suite
+    # drew them. Those unlike the first tell nothing of its scatter.
+    base = [job for job in finished if not why_unlike(finished[0], job)]
     ours, theirs = _jobs_of_shared_seeds(base, new)  # of base, and of new
     obstacle = _why_new_is_mixed(new) or _first_obstacle(base, ours, theirs)
     changes = [] if obstacle else _changes(runs, ours, theirs, base)
@@ -204,7 +205,7 @@ def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: li
     `ours` and `theirs` are the compared jobs of base and new, and `base` all jobs of the base's row.
     """
     quantities = deciding(base[0])
-    draws = is_random(quantities, ours, theirs, base)
+    draws = is_random(quantities, base)
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
         return []

@@ -7,13 +7,10 @@ a codec agree, its margin is a small tolerance. If they differ, it is max(tolera
 standard deviation over the seeds of the base, n and m are the numbers of seeds in the means of base and new, and t is
 what Student's t, with the degrees of freedom of s, exceeds by chance as often as the quantity's tolerance says.
 
-If all seeds are scored at the same pairs, the base mean is over all its seeds; otherwise over the seeds that new has
-too. A row whose seeds give the numbers of the base again did not change, whatever the other seeds give.
-
-If each seed is scored at different pairs, scores differ because of the pairs. Then the differences at equal seeds,
-which have equal pairs, measure how much a codec scatters: s is their standard deviation, and the margin is t · s / √n.
-A codec that wrote the same file with each seed is deterministic; its margin is the small tolerance. So is that of a row
-whose files are those of the base: no fit scattered, so a change of a score is one of the decoder or of the metric.
+All seeds are scored at the same pairs, so the mean of the base is over all its seeds, also those that new lacks. But a
+row whose seeds give the numbers of the base again did not change, whatever the other seeds give. Where new wrote the
+files of the base again, the margin is the small tolerance: no fit scattered, so a change of a score is one of the
+decoder or of the metric.
 """
 
 import math
@@ -117,21 +114,15 @@ def judge(
     obstacle = _obstacle(quantity, in_mean[0], new[0], before, after)
     if obstacle:
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=obstacle)
-    certain = bool(quantity.metric) and (same_files or one_file(reference))  # whether no chance is in the difference
-    values = _scatter_values(quantity, base, new, reference)
-    spread = 0.0 if certain else _spread(values)
+    values = [quantity.value(job) for job in reference]
+    spread = 0.0 if same_files else _spread(values)  # no chance is in the difference of a file and itself
     change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:  # it does not decide
         return change
     # Sizes have no metric. Their scatter is judged by their own numbers, a metric's by whether files are the same.
-    scatters = draws and not same_files if quantity.metric else not agree(quantity, base, new, reference)
-    if not scatters:
-        chance = None
-    elif quantity.metric and not same_pairs(reference):
-        chance = _paired_scatter(values)
-    else:
-        chance = scatter(values, after, len(in_mean))
-    allowed = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
+    scatters = draws and not same_files if quantity.metric else not agree(quantity, reference)
+    chance = scatter(values, after, len(in_mean)) if scatters else None
+    allowed = quantity.tolerance.certain if same_files else margin(quantity.tolerance, values, chance)
     return replace(change, verdict=verdict(change.loss, allowed), margin=allowed, chance=chance)
 
 
@@ -142,11 +133,11 @@ def _jobs_in_mean(
 
     `after` are the numbers of new; `same_files` says that new wrote the base's files again.
     """
-    if quantity.tolerance is None or same_files or not same_pairs(reference):
+    if quantity.tolerance is None or same_files:
         return base
     if _gave_same_numbers([quantity.value(job) for job in base], after):
         return base
-    return reference  # every seed is scored at the same pairs, so all seeds of the base say equally much
+    return reference
 
 
 def _gave_same_numbers(base: Values, new: Values) -> bool:
@@ -168,28 +159,6 @@ def _wrote_same_files(base: Sequence[Job], new: Sequence[Job]) -> bool:
     return before == after and None not in after.values()
 
 
-def same_pairs(jobs: Sequence[Job]) -> bool:
-    """Whether all seeds are scored at the same pairs."""
-    return len({job["score_key"]["btf"] for job in jobs}) == 1
-
-
-def one_file(reference: Sequence[Job]) -> bool:
-    """Whether seeds scored at different pairs are known to have given the same file: the codec is deterministic."""
-    files = {job["score_key"].get("sha256") for job in reference}
-    return not same_pairs(reference) and len(files) == 1 and None not in files
-
-
-def _scatter_values(
-    quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]
-) -> list[float | None]:
-    """The numbers that measure scatter: those of all seeds of the base; for a metric whose seeds are scored at
-    different pairs, the change from base to new at each seed that both have."""
-    if not quantity.metric or same_pairs(reference):
-        return [quantity.value(job) for job in reference]
-    after = {job["seed"]: quantity.value(job) for job in new}
-    return [_difference(quantity.value(job), after[job["seed"]]) for job in base if job["seed"] in after]
-
-
 def _difference(base: float | None, new: float | None) -> float | None:
     """new − base; 0 if both are infinite, and None if one was not measured."""
     if base is None or new is None:
@@ -199,35 +168,24 @@ def _difference(base: float | None, new: float | None) -> float | None:
     return new - base
 
 
-def is_random(
-    quantities: Sequence[Quantity], base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]
-) -> bool:
+def is_random(quantities: Sequence[Quantity], reference: Sequence[Job]) -> bool:
     """Whether a codec's fits are random: one of the scores shows it, even where the seeds of another agree.
 
-    `base` and `new` are the compared jobs, `reference` all jobs of the base's row.
+    `reference` holds all jobs of the base's row.
     """
-    scores = [quantity for quantity in quantities if quantity.metric]
-    return not one_file(reference) and not all(agree(score, base, new, reference) for score in scores)
+    return not all(agree(quantity, reference) for quantity in quantities if quantity.metric)
 
 
-def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]) -> bool:
-    """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic.
+def agree(quantity: Quantity, reference: Sequence[Job]) -> bool:
+    """Whether the seeds of the base agree up to rounding: then the codec is deterministic.
 
     True also for fewer than two seeds, which show no scatter, and for a quantity without a tolerance.
     """
     tolerance = quantity.tolerance
-    values = _finite(_scatter_values(quantity, base, new, reference))
+    values = _finite([quantity.value(job) for job in reference])
     if tolerance is None or len(values) < 2:
         return True
     return max(values) - min(values) <= AGREE * _unit(tolerance, values) * tolerance.certain
-
-
-def _paired_scatter(differences: Values) -> Chance | None:
-    """The scatter of the mean of differences, one a seed that both runs have; None for fewer than two."""
-    finite = _finite(differences)
-    if len(finite) < 2:
-        return None
-    return Chance(stdev(finite) / math.sqrt(len(finite)), len(finite) - 1)
 
 
 def scatter(of_base: Values, new: Values, count: int) -> Chance | None:
@@ -296,27 +254,18 @@ def quantile(freedom: float, probability: float) -> float:
     return -float(stdtrit(freedom, probability))
 
 
-def why_fits_unlike(base: Job, new: Job) -> str:
-    """Why the fits of two jobs are of different kinds: another version of the codec, or other training data.
-
-    "" if they are of one kind.
-    """
+def why_unlike(base: Job, new: Job) -> str:
+    """Why no numbers of two jobs may be compared: another version of the codec, other training data, other pairs or
+    another exposure; "" if they may."""
     base_key, new_key = base["fit_key"], new["fit_key"]
     reasons = []
     if base_key["version"] != new_key["version"]:
         reasons.append(f"codec version {new_key['version']} instead of {base_key['version']}")
     if base_key.get("store") != new_key.get("store"):
         reasons.append(f"store of textures of version {new_key.get('store')} instead of {base_key.get('store')}")
-    if base_key["training"] != new_key["training"]:
+    if base_key["training"] != new_key["training"]:  # other data have other pairs and exposure as well
         reasons.append("other training data (their fingerprint differs)")
-    return ", ".join(reasons)
-
-
-def why_unlike(base: Job, new: Job) -> str:
-    """Why no numbers of two jobs may be compared (unlike fits, other pairs or another exposure); "" if they may."""
-    reason_of_fits = why_fits_unlike(base, new)  # "" if the fits are of one kind
-    reasons = [reason_of_fits] if reason_of_fits else []
-    if base["fit_key"]["training"] == new["fit_key"]["training"]:  # other data have other pairs and exposure as well
+    else:
         reasons += scored_unlike(base["score_key"], new["score_key"])
     return ", ".join(reasons)
 

@@ -118,14 +118,6 @@ def test_update_prints_what_losses_it_can_tell_from_chance(make, tmp_path, capsy
     assert re.search(r"knit/vq +PSNR.*0\.02.*0\.02", out)
 
 
-def test_update_warns_of_seeds_with_test_pairs_of_their_own(make, tmp_path, capsys):
-    out = str(tmp_path / "a.jsonl")
-    for name, own in (("validation", False), ("test", True)):
-        run = make.run(name, *(make.job(seed=seed, btf=str(seed * own)) for seed in range(3)))
-        assert cli.main(["compare", "--update", str(run.folder), "--out", out]) == 0
-        assert ('"validation"' in capsys.readouterr().out) == own
-
-
 def test_a_reference_is_made_from_a_run_alone(run, tmp_path, capsys):
     path = tmp_path / "a.jsonl"
     written(run, path)
