@@ -11,6 +11,6 @@ def long(*values: Any) -> Any:
     return pytest.param(*values, marks=pytest.mark.long)
 
 
-def short_for(names: Iterable[str], *short: str) -> list[Any]:
+def short_for(names: Iterable[Any], *short: Any) -> list[Any]:
     """Parameters of a test: those of `short`, and the others marked as `long`."""
     return [name if name in short else long(name) for name in names]

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from scipy.spatial import ConvexHull, Delaunay
+from scipy.spatial.distance import cdist
 from torch import Tensor, nn
 
 from bench.btf import Layout
@@ -159,10 +160,9 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
     y = (low[:, None, 1] <= edges[1:] + slack) & (high[:, None, 1] >= edges[:-1] - slack)
     met = y.T[:, None] & x.T  # (rows, columns, triangles)
     middle = (edges[1:] + edges[:-1]) / 2  # of each column, and of each row
-    centroids = corners.mean(1)
-    for row, column in np.argwhere(~met.any(2)):  # cells that no box meets
-        distances = np.linalg.norm((middle[column], middle[row]) - centroids, axis=-1)
-        met[row, column, distances.argmin()] = True
+    rows, columns = np.nonzero(~met.any(2))  # cells that no box meets
+    nearest = cdist(np.stack([middle[columns], middle[rows]], 1), corners.mean(1)).argmin(1)
+    met[rows, columns, nearest] = True
     return _listed(met.reshape(CELLS**2, -1))
 
 

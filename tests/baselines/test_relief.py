@@ -83,6 +83,7 @@ def test_no_height_is_written_where_there_is_none(btf: BTF) -> None:
     assert "offset" in parts.texture
 
 
+@pytest.mark.long
 def test_relief_is_nearer_than_none() -> None:
     btf, _ = bumps(amplitude=0.09)
     truth = np.stack(list(btf))

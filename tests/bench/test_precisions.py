@@ -13,7 +13,7 @@ from bench.conformance.check import CodecUnderTest, batches, counted, others, sl
 from bench.training.stored_network import BEARABLE
 
 COARSE = {32: 0.002, 16: 0.002, 8: 0.02}  # bits of a number, and how far the answers may be off
-SHORT = ("neubtf-direct", "pca", "relief")  # of the short tier
+SHORT = ("pca", "relief")  # of the short tier
 # Few steps at a high rate would move constant channels far from the range that was rounded to at half of the steps.
 BRIEF = {"plane_rate": 1e-3, "steps": 3, "texels": 4, "pairs": 4, "batch": 64, "kept": 8, "components": 4}
 

@@ -249,6 +249,7 @@ def test_several_sources_need_a_site(made, capsys):
     assert "Markdown" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_page_asks_for_nothing_and_fits_a_telephone(browser, quick):
     problems = []
     for scheme, width in (("light", 1200), ("dark", 390)):

@@ -77,7 +77,7 @@ def test_every_codec_has_its_recipes_tried() -> None:
     assert {"neubtf paper", "neumip paper", "pca"} <= {*RECIPES}
 
 
-@pytest.mark.parametrize("called", short_for(RECIPES, "bcf", "neubtf-direct", "pca"))
+@pytest.mark.parametrize("called", short_for(RECIPES, "bcf", "pca"))
 def test_a_codec_fits_and_answers_on_a_gpu_as_on_the_cpu(
     called: str, gpu: torch.device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

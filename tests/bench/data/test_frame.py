@@ -8,6 +8,7 @@ from bench.data.convert import write_btf
 from bench.data.materials import load
 from bench.data.portrait import mean_lobe
 from bench.directions.hemisphere import from_degrees
+from tests.tiers import long
 
 
 def mirrored(btf, side="wi"):
@@ -16,7 +17,7 @@ def mirrored(btf, side="wi"):
     return BTF("mirrored", turned["wo"], turned["wi"], btf.source)
 
 
-@pytest.mark.parametrize("directions", [25, 81])
+@pytest.mark.parametrize("directions", [25, long(81)])
 @pytest.mark.parametrize("name", ["satin", "leather", "gravel", "grass"])
 def test_a_mirrored_side_is_told_from_the_frame_of_the_suite(name, directions):
     btf = load(name, 16, views=directions, lights=directions, heldout=0)

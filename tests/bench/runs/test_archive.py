@@ -12,6 +12,7 @@ from bench import cli
 from bench.inputs.errors import InputError
 from bench.records import FILE, load_run, load_together
 from bench.runs.archive import _differences_of_values, unpack
+from tests.tiers import long
 
 SUITE = """
 materials = ["satin"]
@@ -92,19 +93,19 @@ def put(path, value):
     ("path", "value"),
     [
         ("scores/heldout/metrics/psnr_display/mean", lambda x: x + 1),
-        ("scores/heldout/metrics/psnr_display/pooled", lambda x: x + 0.05),
+        long("scores/heldout/metrics/psnr_display/pooled", lambda x: x + 0.05),
         ("bytes/total", lambda x: x - 1),
-        ("scores/heldout/slices", lambda x: x + 1),
-        ("scores/heldout/metrics/another", {"pooled": 1.0}),
+        long("scores/heldout/slices", lambda x: x + 1),
+        long("scores/heldout/metrics/another", {"pooled": 1.0}),
         ("footprints/4/psnr_display", lambda x: x + 1),
         ("score_key/sha256", "0" * 64),
         ("fit_key/settings/components", 5),
-        ("fit_key/training", "0" * 64),
-        ("metrics/psnr_display/version", 9),
+        long("fit_key/training", "0" * 64),
+        long("metrics/psnr_display/version", 9),
         ("parameters", 5),
         ("label", "pca"),
-        ("label", "pcacomponents=4"),
-        ("curve", "vq"),
+        long("label", "pcacomponents=4"),
+        long("curve", "vq"),
     ],
 )
 def test_every_claim_is_compared(packed, tmp_path, capsys, path, value):

@@ -15,6 +15,7 @@ from bench.inputs.errors import InputError
 from bench.runs.suite import CodecSpec, changed_settings
 from bench.training import Samples, first_latents, gain_of
 from bench.training.gridded import GriddedMaterial, GriddedNetwork, first_grids
+from tests.tiers import short_for
 
 GRIDS = {"half": 2, "quarter": 3, "offset": 8}
 CODECS = {
@@ -23,7 +24,7 @@ CODECS = {
     "rainer2019": {"texels": 16, "pairs": 16, "latents": 4},
 }
 OTHERS = {"triple-plane": {"batch": 256, "channels": 4}, "bcf": {"batch": 256, "textures": 1}}  # have more beside grids
-every_codec = pytest.mark.parametrize("name", CODECS)
+every_codec = pytest.mark.parametrize("name", short_for(CODECS, "neubtf-direct", "zeltner2024"))
 
 
 def small(name: str, **settings: Any) -> Codec:
