@@ -29,26 +29,26 @@ def entries(group: str, kind: str) -> dict[str, EntryPoint]:
     Raises `InputError` if two packages use the same name for different objects.
     """
     entry_of_name: dict[str, EntryPoint] = {}
-    for entry in _points(group, _state_of_path()):
+    for entry in points(group):
         other = entry_of_name.setdefault(entry.name, entry)  # the first of that name, maybe this one itself
         if other.value != entry.value:
             raise InputError(f"two {kind}s are named {entry.name!r}: {other.value} and {entry.value}: uninstall one")
     return entry_of_name
 
 
-@lru_cache(maxsize=16)
-def _points(group: str, state_of_path: tuple[tuple[str, int], ...]) -> tuple[EntryPoint, ...]:
+def points(group: str) -> tuple[EntryPoint, ...]:
     """The entry points of a group. Finding them takes some 10 ms, so they are kept until a package is installed."""
-    return tuple(entry_points(group=group))
-
-
-def _state_of_path() -> tuple[tuple[str, int], ...]:
-    """The folders from which Python imports, each with the time in ns at which something was last added to it."""
-    state = []
+    state = []  # the folders from which Python imports, each with the time at which something was last added to it
     for folder in map(os.path.abspath, sys.path):  # "" is the working folder
         with suppress(OSError):  # it need not exist
             state.append((folder, os.stat(folder).st_mtime_ns))
-    return tuple(state)
+    return _points(group, tuple(state))
+
+
+@lru_cache(maxsize=16)
+def _points(group: str, state_of_path: tuple[tuple[str, int], ...]) -> tuple[EntryPoint, ...]:
+    """As `points`; read once for each state of the folders from which Python imports."""
+    return tuple(entry_points(group=group))
 
 
 def is_outside(entry: EntryPoint) -> bool:

@@ -10,12 +10,12 @@ import json
 import pkgutil
 from collections.abc import Callable
 from functools import partial
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.codecs.registry import first_line
 from bench.files import atomic
+from bench.inputs import plugins
 from bench.inputs.errors import InputError, visible, writable
 from bench.inputs.settings import Seed, Threads, converted
 from bench.machine.devices import require_present
@@ -48,7 +48,7 @@ def modules() -> dict[str, str]:
     for info in pkgutil.iter_modules(__path__):
         if not info.name.startswith("_"):  # no helpers
             by_name[info.name.replace("_", "-")] = f"{__name__}.{info.name}"
-    for entry in entry_points(group=GROUP):
+    for entry in plugins.points(GROUP):
         other = by_name.setdefault(entry.name, entry.value)
         if other != entry.value:
             raise InputError(f"two commands are named {entry.name!r}: {other} and {entry.value}: uninstall one")

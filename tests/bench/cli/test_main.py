@@ -71,13 +71,13 @@ def test_a_command_of_another_package_is_found_by_its_entry_point(tmp_path, monk
         f"{says}run = lambda options, terminal: terminal.say(options.word.upper()) or 0\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("shout", "shout", group)])
+    monkeypatch.setattr(commands.plugins, "points", lambda group: [EntryPoint("shout", "shout", group)])
     assert cli.main(["shout", "hello"]) == 0
     assert "HELLO" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         cli.main(["--help"])
     assert "shout loudly" in capsys.readouterr().out
-    monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("run", "shout", group)])
+    monkeypatch.setattr(commands.plugins, "points", lambda group: [EntryPoint("run", "shout", group)])
     assert cli.main(["list"]) == 2
     assert "'run'" in capsys.readouterr().err
 

@@ -17,7 +17,7 @@ MINE = 'class Mine:\n    """My codec."""\n\n    name, version = "mine", 1\n'
 def installed(monkeypatch):
     def install(*entries):
         points = [EntryPoint(name, value, registry.GROUP) for name, value in entries]
-        monkeypatch.setattr(plugins, "_points", lambda group, state: points)
+        monkeypatch.setattr(plugins, "points", lambda group: points)
 
     return install
 
