@@ -33,7 +33,7 @@ def scene_strips(run: Run, material: MaterialRows) -> Iterator[list[tuple[str, s
         return
     _, first_frames = models[0]
     truth = first_frames["truth"]  # (n, H, W, 3), the same for all
-    # Others have no picture at each place of the truth's.
+    # A model whose frames differ in number or size from the truth's, as of another version of the scene, is left out.
     with_all_frames = [(row, frames) for row, frames in models if frames["decoded"].shape == truth.shape]
     for number, picture in enumerate(truth):
         pictures = [("the reference table", _webp(picture))]

@@ -228,23 +228,22 @@ def _scatter_of_mean(changes: list[Change], weights: list[float]) -> Chance | No
 
 
 def _with_current_labels(before: list[Job], after: list[Job]) -> list[Job]:
-    """The jobs of `before`. A label that `after` lacks is replaced by the label that `after` has for equal settings, if
-    there is one, and if no other row of `before` has that.
+    """The jobs of `before`. A row that `after` lacks gets the label that `after` has for equal settings, if there is
+    one, and if no other row of `before` has that.
 
     Labels name the settings that differ from the defaults, so a new default gives the same settings another label.
     """
-    rows_before = {(job["material"], job["label"]) for job in before}
-    rows_after = {(job["material"], job["label"]) for job in after}
+    rows_before = by_row(before)
+    rows_after = by_row(after)
     label_after = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
-
-    def current_label(job: Job) -> str:
-        """The label of a job in `after`, or else its own."""
-        if job["status"] != "ok" or (job["material"], job["label"]) in rows_after:
-            return job["label"]
-        label = label_after.get(_identity(job), job["label"])
-        return job["label"] if (job["material"], label) in rows_before else label
-
-    return [job | {"label": current_label(job)} for job in before]
+    renamed = []
+    for (material, label), jobs in rows_before.items():
+        finished = [job for job in jobs if job["status"] == "ok"]
+        new_label = label_after.get(_identity(finished[0]), label) if finished else label
+        if (material, label) in rows_after or (material, new_label) in rows_before:
+            new_label = label
+        renamed += [job | {"label": new_label} for job in jobs]  # also those that failed
+    return renamed
 
 
 def _identity(job: Job) -> tuple[str, ...]:

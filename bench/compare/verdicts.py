@@ -303,7 +303,7 @@ def verdict(loss: float, margin: float) -> Verdict:
 def _spread(values: Values) -> float | None:
     """The standard deviation over seeds; None for one seed, from which nothing is known of the scatter.
 
-    0 where fewer than two of several are finite: infinite ones, which are exact, do not scatter.
+    0 where fewer than two of several are finite numbers: exact ones do not scatter, and None was not measured.
     """
     if len(values) < 2:
         return None

@@ -133,9 +133,10 @@ def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.memmap":
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold a lock while making `path`; other processes wait here, and should then check again whether it exists.
+    """Hold a lock while making or changing `path`; other processes wait here, and should then look at it anew.
 
-    On a file system without locks several processes may make the file at once; each writes it completely.
+    On a file system without locks several processes may write the file at once: each does so completely, and the last
+    one's stays.
     """
     with holding(path.with_name(path.name + ".lock")):
         yield

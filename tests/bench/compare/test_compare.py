@@ -210,6 +210,14 @@ def test_a_row_is_found_again_under_another_spelling(make):
     assert [row.verdict for row in compare(base, other).rows] == ["GONE", "new"]
 
 
+def test_a_seed_that_failed_in_the_base_follows_its_row_to_another_spelling(make):
+    first, second, _ = make.three("vq components=16")
+    base = make.run("base", first, second, make.unfinished("failed", "vq components=16", seed=2))
+    assert [(row.label, row.verdict) for row in compare(base, make.run("new", *make.three("vq"))).rows] == [
+        ("vq", "same")
+    ]
+
+
 def test_jobs_that_vanished_are_regressions(make):
     base = make.run("base", *(make.job(label, seed=seed) for label in ("pca", "vq") for seed in range(3)))
     row = make.run("row", *make.three("pca"))
