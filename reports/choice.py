@@ -102,12 +102,16 @@ class Choice:
         """The tables with only the chosen columns, in the order of the choice, and with the new names.
 
         Tables without any of the columns, and those of a material that is not chosen, are left out. `InputError` for a
-        column that no table has.
+        column, and for a name to be replaced, that no table has.
         """
         # A table with the material "" is about all of them.
         chosen = [table for table in tables if not self.materials or table.material in ("", *self.materials)]
         if self.columns:
             chosen = self._with_columns(chosen)
+        for old, new in self.names.items():
+            alone = replace(self, names={old: new})
+            if chosen and old != new and all(alone._renamed(table) == table for table in chosen):
+                raise InputError(f"--name {old}={new}: no table has {old!r} as a codec, row, column or material")
         return [self._renamed(table) for table in chosen]
 
     def _with_columns(self, tables: Sequence[Table]) -> list[Table]:

@@ -60,6 +60,8 @@ def test_a_codec_or_column_that_is_not_there_is_an_error_that_says_which_are(fol
         table_text(folder, kind="main", choice=Choice(columns=["LPIPS"]))
     assert cli.main(["table", str(folder), "--name", "pca"]) == 2
     assert "--name: " in capsys.readouterr().err
+    assert cli.main(["table", str(folder), "--name", "pcs=PCA"]) == 2
+    assert "'pcs'" in capsys.readouterr().err
 
 
 def test_a_row_to_set_others_against_must_be_in_the_run_even_if_no_table_uses_it(folder, capsys):
