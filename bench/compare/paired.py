@@ -1,17 +1,22 @@
-"""Computes the mean difference of two results, slice by slice at the same pairs, with a 95 % interval.
+"""Computes the mean difference of two results at the same pairs, with a 95 % interval.
 
-All codecs find the same slices hard, so the difference slice by slice is known far better than either mean. A *cell*
-holds the differences of one material and one seed. For several materials the interval is Student's over their means, so
-it includes the scatter of materials, fits and pairs; it holds for materials like these. For one material the interval
-comes from a bootstrap, which draws seeds, then pairs of each seed, with replacement; seeds that are scored at the same
-pairs draw the same ones. It holds for that material only, and with one seed it lacks the scatter of fits.
+For several materials the interval is Student's over their mean differences, so it includes the scatter of materials,
+fits and pairs; it holds for materials like these. For one material the interval comes from its slices: all codecs find
+the same ones hard, so the difference slice by slice is known far better than either mean. A *cell* holds the
+differences of one material and one seed. A bootstrap draws seeds, then pairs of each seed, with replacement; seeds that
+are scored at the same pairs draw the same ones. It holds for that material only, and with one seed it lacks the scatter
+of fits.
 """
 
 import base64
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import product
+from operator import itemgetter
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 
@@ -19,8 +24,9 @@ from bench.codecs.alike import obstacles
 from bench.compare.statistics import chance_if_equal, interval_over_slices, student, told_by_holm
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
+from bench.metrics import stats_of
 from bench.metrics.psnr import psnr
-from bench.records import MOST_DB, PSNR, Job, Run, deciding_group, grouped, scored_unlike, shown_label, view
+from bench.records import MOST_DB, PSNR, Job, Run, counted, deciding_group, grouped, scored_unlike, shown_label, view
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 
@@ -29,9 +35,9 @@ Slices = Callable[[Job], np.ndarray | None]  # the PSNR (n,) of each slice of a 
 
 @dataclass(frozen=True)
 class Cell:
-    """The differences (n,) of slices, second − first, of a material and seed; `pairs` identifies the pairs."""
+    """The differences (n,) of slices, second − first, of two fits, by the seed of the first; `pairs` identifies the
+    pairs."""
 
-    material: str
     seed: int
     pairs: str
     differences: np.ndarray
@@ -39,7 +45,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean difference with its 95 % interval, and the numbers of materials, seeds and slices behind it.
+    """A mean difference with its 95 % interval, and the numbers of materials and seeds behind it.
 
     `chance` is the probability of so large a difference between equal codecs; 1 for fewer than `FEWEST` materials,
     which say nothing about others.
@@ -50,14 +56,13 @@ class Interval:
     high: float
     materials: int
     seeds: int
-    slices: int
     chance: float = 1.0
     apart: bool = False  # whether `told_apart` tells the two apart
 
 
 @dataclass(frozen=True)
 class Against:
-    """The difference of each other codec to `first`, by label: over all materials that have both, and on each."""
+    """The difference of each other codec to `first`, by label: over all materials of `first`, and on each."""
 
     first: str
     over: dict[str, Interval]
@@ -65,8 +70,10 @@ class Against:
 
 
 def against(run: Run, first: str, others: Iterable[str]) -> Against:
-    """The mean differences in dB per slice between codecs of a run and `first`, by the labels that tables show, without
-    codecs that have nothing to compare, or whose slices cannot be read. `InputError` for a label that the run lacks.
+    """The mean differences in dB per slice between codecs of a run and `first`, by the labels that tables show.
+
+    Codecs that lack a material of `first` have none over all; on one material, and over a single one, codecs without
+    slices have none. `InputError` for a label that the run lacks.
 
     Jobs that cannot stand beside the others, such as those on other data than published ones, do not count.
     """
@@ -85,36 +92,68 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
 @view
 def against_jobs(run: Run, first: str, *jobs: str) -> Against:
     """As `against`, of jobs given by name that may be compared, those of `first` among them. Kept with the run."""
-    chosen = set(jobs)
-    by_label: dict[str, dict[tuple[str, int], Job]] = {}  # then by material and seed
-    for job in run.jobs:
-        if job["job"] in chosen:
-            by_label.setdefault(shown_label(job), {})[job["material"], job["seed"]] = job
-    ours = by_label.pop(first, {})
-    slices_of = partial(decibels, run.folder)
+    chosen = {*jobs}
+    job_of_name = {job["job"]: job for job in run.jobs if job["job"] in chosen}
+    jobs_of_label = grouped(job_of_name.values(), shown_label)
+    ours = grouped(jobs_of_label.pop(first, []), itemgetter("material"))
 
-    @cache  # the same slices are compared with those of each other label
-    def slices_of_first(material: str, seed: int) -> np.ndarray | None:
-        """The slices of the job of `first` with that material and seed."""
-        return decibels(run.folder, ours[material, seed])
+    @cache  # those of `first` are compared with those of each other label
+    def slices_of_name(name: str) -> np.ndarray | None:
+        """The slices of the job of that name."""
+        return decibels(run.folder, job_of_name[name])
+
+    def slices_of(job: Job) -> np.ndarray | None:
+        """The slices of a job."""
+        return slices_of_name(job["job"])
 
     over: dict[str, Interval] = {}
     on: dict[str, dict[str, Interval]] = {}
-    for label, theirs in by_label.items():
-        both = [(job, theirs[key]) for key, job in ours.items() if key in theirs]
-        try:
-            cells = _paired_cells(both, lambda job: slices_of_first(job["material"], job["seed"]), slices_of)
-        except InputError:  # slices of one codec that cannot be read must not cost the table of all others
-            continue
-        over_all = interval(cells)
-        if over_all is None:  # they have no slices to compare
-            continue
-        over[label] = over_all
-        for material, cells_of_material in grouped(cells, lambda cell: cell.material).items():
-            on_material = interval(cells_of_material)
-            if on_material:
-                on.setdefault(material, {})[label] = on_material
+    for label, jobs_of_other in jobs_of_label.items():
+        theirs = grouped(jobs_of_other, itemgetter("material"))
+        for material in ours:
+            pairs = _pairs_of_fits(ours[material], theirs.get(material, []))
+            with suppress(InputError):  # slices of one codec that cannot be read must not cost the table of all others
+                cells = _paired_cells(pairs, slices_of, slices_of)
+                if cells and len(cells) == len(pairs):  # else it would be over fewer seeds than its means
+                    on.setdefault(material, {})[label] = interval_of(cells)
+        if len(ours) > 1:
+            over_all = _over_materials(ours, theirs)
+        else:
+            over_all = next((of_material.get(label) for of_material in on.values()), None)
+        if over_all:
+            over[label] = over_all
     return Against(first, told_apart(over), on)
+
+
+def _pairs_of_fits(ours: Sequence[Job], theirs: Sequence[Job]) -> list[tuple[Job, Job]]:
+    """The fits of two codecs that are compared: seed by seed, or each with each if they have other seeds."""
+    job_of_seed = {job["seed"]: job for job in theirs}
+    if job_of_seed.keys() == {job["seed"] for job in ours}:
+        return [(job, job_of_seed[job["seed"]]) for job in ours]
+    return [*product(ours, theirs)]
+
+
+def _over_materials(ours: Mapping[str, Sequence[Job]], theirs: Mapping[str, Sequence[Job]]) -> Interval | None:
+    """The difference over the materials of `ours`, by which both sides are given, from the recorded means, over all
+    seeds; None where theirs lack one of these, or were scored otherwise there."""
+    if ours.keys() - theirs.keys():
+        return None
+    differences = []
+    for material, our_jobs in ours.items():
+        their_jobs = theirs[material]
+        if any(scored_unlike(our_jobs[0]["score_key"], job["score_key"]) for job in (*our_jobs, *their_jobs)):
+            return None
+        differences.append(_mean_psnr(their_jobs) - _mean_psnr(our_jobs))
+    means = np.array(differences)  # (materials,) in dB
+    reach, _ = student(means)
+    mean = float(means.mean())
+    seeds = max(map(len, (*ours.values(), *theirs.values())))
+    return Interval(mean, mean - reach, mean + reach, len(means), seeds, chance_if_equal(means))
+
+
+def _mean_psnr(jobs: Iterable[Job]) -> float:
+    """The mean over seeds of the mean PSNR of the slices that decide, in dB, which have `MOST_DB` if they are exact."""
+    return fmean(counted(stats_of(job, PSNR).get("mean")) for job in jobs)
 
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
@@ -124,13 +163,14 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
 
 
 def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) -> Interval | None:
-    """The mean difference in dB, new − base, of the jobs of a row in two runs, seed by seed.
+    """The mean difference in dB, new − base, of the jobs of a row on one material in two runs, seed by seed.
 
     None if they have no slices to compare. `InputError` if slices cannot be read.
     """
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
-    return interval(_paired_cells(pairs, partial(decibels, base.folder), partial(decibels, new.folder)))
+    cells = _paired_cells(pairs, partial(decibels, base.folder), partial(decibels, new.folder))
+    return interval_of(cells) if cells else None
 
 
 def _paired_cells(two_jobs: Iterable[tuple[Job, Job]], slices_of_first: Slices, slices_of_second: Slices) -> list[Cell]:
@@ -144,30 +184,18 @@ def _paired_cells(two_jobs: Iterable[tuple[Job, Job]], slices_of_first: Slices, 
         if ours is None or theirs is None:
             continue
         if 0 < len(ours) == len(theirs):  # slices without a number are left out, so lengths may differ
-            cells.append(Cell(first["material"], first["seed"], first["score_key"]["btf"], theirs - ours))
+            cells.append(Cell(first["seed"], first["score_key"]["btf"], theirs - ours))
     return cells
 
 
-def interval(cells: Sequence[Cell]) -> Interval | None:
-    """The mean over materials of the mean over seeds of the mean over slices, with its interval; None without cells.
+def interval_of(cells: Sequence[Cell]) -> Interval:
+    """The mean over the cells of a material, at least one, of the mean over slices, with the interval of a bootstrap.
 
-    For several materials the interval is Student's, for one that of a bootstrap: see the module and `chance_if_equal`.
+    One material says nothing of others, so the interval is of its pairs and fits alone.
     """
-    by_material = grouped(cells, lambda cell: cell.material)
-    if not by_material:
-        return None
-    of_seeds = [[cell.differences.mean() for cell in cells_of_one] for cells_of_one in by_material.values()]
-    means = np.array([np.mean(each) for each in of_seeds])  # (materials,) in dB
-    if len(means) > 1:
-        reach, _ = student(means)
-        low, high = means.mean() - reach, means.mean() + reach
-    else:
-        # One material says nothing of others, so the interval is of its pairs and fits alone.
-        differences, pairs = [cell.differences for cell in cells], [cell.pairs for cell in cells]
-        low, high = interval_over_slices(differences, pairs)
-    seeds = max(map(len, of_seeds))
-    slices = sum(len(cell.differences) for cell in cells)
-    return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance_if_equal(means))
+    low, high = interval_over_slices([cell.differences for cell in cells], [cell.pairs for cell in cells])
+    mean = fmean(cell.differences.mean() for cell in cells)
+    return Interval(mean, float(low), float(high), 1, len({cell.seed for cell in cells}))
 
 
 def decibels(folder: Path, job: Job) -> np.ndarray | None:

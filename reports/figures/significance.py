@@ -74,19 +74,17 @@ def _figure(material: str, where: str, first: str, differences: Differences, sty
 
 
 def _caption(differences: Differences) -> str:
-    """How the intervals are made and from how many materials, seeds and slices, in words for a reader.
+    """How the intervals are made and from how many materials and seeds, in words for a reader.
 
     Codecs may have different numbers; the largest are given.
     """
     materials = max(each.materials for each in differences.values())
     seeds = max(each.seeds for each in differences.values())
-    slices = max(each.slices for each in differences.values())
     counts = []
     if materials > 1:
         counts.append(f"{materials} materials")
     if seeds > 1:
         counts.append(f"{seeds} seeds")
-    counts.append(f"{slices:,} slices")
     caveat = ""
     if materials > 1:
         words = "by Student's t over material means"
@@ -95,7 +93,9 @@ def _caption(differences: Differences) -> str:
     else:
         words = "of a bootstrap over pairs, of this material only"
         caveat = " With one seed, it does not include the scatter of fits."
-    return f"Bars: 95 % interval {words}: {', '.join(counts)}.{caveat}\nBoth codecs at the same pairs."
+    if counts:
+        words = f"{words}: {', '.join(counts)}"
+    return f"Bars: 95 % interval {words}.{caveat}\nBoth codecs at the same pairs."
 
 
 def critical_differences(run: Run) -> Iterator[Figure]:

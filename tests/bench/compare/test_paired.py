@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bench.compare.paired import Cell, Interval, against, decibels, interval, packed, told_apart, unpacked
+from bench.compare.paired import Cell, Interval, against, decibels, interval_of, packed, told_apart, unpacked
 from bench.compare.statistics import interval_over_slices, student
 from bench.inputs.errors import InputError
 from bench.records import FILE, MOST_DB, load_together
@@ -10,58 +10,51 @@ from bench.records import FILE, MOST_DB, load_together
 def test_pairing_takes_away_what_both_share_and_keeps_what_they_do_not():
     rng = np.random.default_rng(0)
     hard = rng.normal(25, 6, 150)
-    gain = interval([Cell("satin", 0, "a", hard + 0.2 + rng.normal(0, 0.3, 150) - hard)])
+    gain = interval_of([Cell(0, "a", hard + 0.2 + rng.normal(0, 0.3, 150) - hard)])
     assert gain.low < 0.2 < gain.high
     assert gain.low > 0
     assert gain.high - gain.low < 0.15  # 2 · 1.96 · 0.3 / √150 = 0.1, where the means alone are known to ± 1 dB
 
 
-def test_seeds_that_differ_widen_the_interval_and_so_do_materials():
+def test_seeds_that_differ_widen_the_interval():
     rng = np.random.default_rng(2)
 
-    def cells(seeds, material="m", centre=0.0):
-        return [Cell(material, i, "a", rng.normal(centre + d, 0.1, 100)) for i, d in enumerate(seeds)]
+    def of_seeds(*centres):
+        return interval_of([Cell(seed, "a", rng.normal(centre, 0.1, 100)) for seed, centre in enumerate(centres)])
 
-    alike, apart = interval(cells([0, 0, 0, 0])), interval(cells([-1, 1, -0.5, 0.5]))
+    alike, apart = of_seeds(0, 0, 0, 0), of_seeds(-1, 1, -0.5, 0.5)
     assert apart.high - apart.low > 5 * (alike.high - alike.low)
-    several = interval([cell for i in range(5) for cell in cells([0, 0], f"m{i}", centre=i)])
-    assert several.high - several.low > 1
-    assert (several.materials, several.seeds, several.slices) == (5, 2, 1000)
-    assert several.mean == pytest.approx(2, abs=0.1)
+    assert (apart.materials, apart.seeds, apart.chance) == (1, 4, 1)  # one material says nothing of others
 
 
-def test_over_materials_it_is_student_s_of_their_means():
-    cells = [Cell(f"m{i}", 0, "a", np.array([gain, gain + 0.2])) for i, gain in enumerate((1.0, 2.0, 4.0))]
-    difference = interval(cells)
-    means = np.array([1.1, 2.1, 4.1])
+def test_over_materials_it_is_student_s_of_the_differences_of_means_over_all_seeds(make):
+    psnr_of = {"pca": [(30.0, 32.0), (20.0, 20.0), (25.0, 25.0)], "vq": [(32.0,), (22.0,), (29.0,)]}
+    jobs = []
+    for label, psnrs in psnr_of.items():
+        for number, of_seeds in enumerate(psnrs):
+            jobs += [make.job(label, f"m{number}", seed=seed, psnr=psnr) for seed, psnr in enumerate(of_seeds)]
+    difference = against(make.run("run", *jobs), "pca", ["vq"]).over["vq"]
+    means = np.array([1.0, 2.0, 4.0])
     reach, chance = student(means)
-    expected = means.mean(), means.mean() - reach, means.mean() + reach, chance
-    assert (difference.mean, difference.low, difference.high, difference.chance) == pytest.approx(expected)
-    assert interval(cells[:1]).chance == interval(cells[:2]).chance == 1  # which says nothing of others
+    assert (difference.mean, difference.low) == pytest.approx((means.mean(), means.mean() - reach))
+    assert (difference.materials, difference.seeds, difference.chance) == (3, 2, chance)
+    assert against(make.run("two", *jobs[:-1]), "pca", ["vq"]).over == {}  # it would be over fewer materials
 
 
 @pytest.mark.parametrize("pairs", ["aaa", "aba", "abc"])
 def test_of_one_material_it_is_a_bootstrap_of_seeds_and_their_pairs(pairs):
     slices = np.random.default_rng(3).normal(0, 1, (3, 50))
-    difference = interval([Cell("m", seed, pairs[seed], slices[seed]) for seed in range(3)])
+    difference = interval_of([Cell(seed, pairs[seed], slices[seed]) for seed in range(3)])
     assert (difference.low, difference.high) == interval_over_slices(slices, pairs)
 
 
 def test_codecs_are_told_apart_from_one_by_holm_over_the_rows():
     chances = {"a": 0.026, "b": 0.016, "c": 0.04}
-    rows = {label: Interval(1.0, 0.0, 2.0, 9, 1, 900, chance) for label, chance in chances.items()}
+    rows = {label: Interval(1.0, 0.0, 2.0, 9, 1, chance) for label, chance in chances.items()}
     assert {label: each.apart for label, each in told_apart(rows).items()} == {"a": False, "b": True, "c": False}
     assert list(told_apart(rows)) == ["a", "b", "c"]
-    assert not told_apart({"a": Interval(1.0, 0.5, 2.0, 1, 1, 150)})["a"].apart
-    assert told_apart({"a": Interval(1.0, 0.1, 1.9, 9, 1, 900, 0.04)})["a"].apart
-
-
-def test_an_interval_depends_on_no_other():
-    rng = np.random.default_rng(5)
-    long, short = ([Cell(m, 0, "a", rng.normal(0, 1, n)) for m in ("satin", "brick")] for n in (70, 50))
-    first = interval(long)
-    assert interval(short) != first
-    assert interval(long) == first == interval(long)
+    assert not told_apart({"a": Interval(1.0, 0.5, 2.0, 1, 1)})["a"].apart
+    assert told_apart({"a": Interval(1.0, 0.1, 1.9, 9, 1, 0.04)})["a"].apart
 
 
 def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_path):
@@ -81,9 +74,13 @@ def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_p
     difference = whole.over["vq"]
     # One of 41 slices has no error, so as many dB in both.
     assert difference.mean == pytest.approx(-10 * np.log10(2) * 40 / 41)
-    assert (difference.slices, list(whole.over), whole.on) == (82, ["vq"], {"satin": {"vq": difference}})
+    assert (difference.seeds, list(whole.over), whole.on) == (2, ["vq"], {"satin": {"vq": difference}})
     ours = make.run("ours", *(job | {"settings": {"recipe": "ours"}} if job["label"] == "vq" else job for job in jobs))
     assert against(ours, "pca", ["vq"]).over == {"vq": difference}  # as tables call it
+    one_seed = against(make.run("one seed", *jobs[:3]), "pca", ["vq"]).over["vq"]  # with each of the two of the other
+    assert one_seed.mean == pytest.approx(difference.mean)
+    without_slices = {name: value for name, value in jobs[3].items() if name != "slices"}
+    assert against(make.run("slices of one", *jobs[:3], without_slices), "pca", ["vq"]).over == {}
 
 
 def test_codecs_of_a_reference_whose_jobs_name_no_run_are_compared(make):
