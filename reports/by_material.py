@@ -463,16 +463,16 @@ def rows_of(codecs: Iterable[CodecRows], measures: Sequence[Measure]) -> Iterato
     beside it, and why there is none. Without a measured seed that is `n/c` if a job is not comparable; if one failed,
     it is “failed” for the first measure alone.
 
-    Further values: `codec`, its label; whether it is `stale`, since the installed version cannot make some seed again;
-    is `measured`, so that it has numbers; is `unranked`; has times that were `timed apart`; or is `in addition` to the
-    codecs.
+    Further values: `codec`, its label; whether it is `stale`, since the installed version cannot make some shown seed
+    again; is `measured`, so that it has numbers; is `unranked`; has times that were `timed apart`; or is `in addition`
+    to the codecs.
     """
     for codec in codecs:
         measured = [_values_of_job(row) for row in codec.measured]
         apart = any(row.timed_apart for row in codec.measured)
         values: dict[str, Any] = {
             "codec": codec.label,
-            "stale": any(row.values["stale"] for row in codec.rows),
+            "stale": any(row.values["stale"] for row in codec.measured or codec.rows),
             "measured": bool(measured),
             "unranked": codec.of_scene,
             "timed apart": apart,

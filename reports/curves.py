@@ -62,7 +62,7 @@ def _differences_to_against(rungs: Rungs) -> Parts:
         on_all = leads[leads["surfaces"] == len(surfaces)]  # a median over fewer surfaces would not compare
         values[[kind, f"{kind} low", f"{kind} high"]] = on_all[["median", "low", "high"]].reindex(values.index)
     values["rate"] = [100 * _median_rate(rungs, line) for line in values.index]
-    values = values.sort_values("median", ascending=False, kind="stable")
+    values = values.sort_values(["few", "median"], ascending=[True, False], kind="stable")
     star = f"None is told apart from 0: that takes {LEAST_SURFACES} surfaces."
     if (values["surfaces"] >= LEAST_SURFACES).any():
         star = f"*: told apart: at least {LEAST_SURFACES} surfaces, and an interval without 0."
@@ -76,10 +76,10 @@ def _differences_to_against(rungs: Rungs) -> Parts:
         write = partial(_lead_with_interval, kind, len(surfaces) == 1)
         columns.append(Column(f"{kind}, {len(surfaces)}", "dB ↑", kind, write=write))
     columns += [
-        Column("all", "dB ↑", "median", signed=True),
+        Column("all", "dB ↑", "median", signed=True, unranked="few"),
         Column("95 % interval", "of the median", "median", write=interval_cell),
-        Column("ahead", "on ↑", "won", 0, write=won_cell),
-        Column("BD-rate", "median ↓", "rate", 0, signed=True, write=_rate_cell),
+        Column("ahead", "on ↑", "won", 0, write=won_cell, unranked="few"),
+        Column("BD-rate", "median ↓", "rate", 0, signed=True, write=_rate_cell, unranked="few"),
     ]
     return Parts(f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR", values, columns, notes)
 
@@ -168,10 +168,11 @@ def _in_memory(rungs: Rungs) -> Parts:
     medians = pd.DataFrame({kind: median_over(psnr[surfaces]) for kind, surfaces in rungs.kinds.items()})
     medians = medians.dropna(how="all")
     values = medians.join(frame_of_leads({line: resident.lead(line) for line in medians.index})).assign(single=False)
+    values["few"] = values["few"].eq(True)  # not NaN, as of lines without a lead
     values = values.sort_values([*rungs.kinds], ascending=False, kind="stable")
     columns = [
         *(Column(f"{kind}, {len(surfaces)}", "dB ↑", kind) for kind, surfaces in rungs.kinds.items()),
-        Column("lead", "dB ↑", "median", signed=True, write=lead_cell),
+        Column("lead", "dB ↑", "median", signed=True, write=lead_cell, unranked="few"),
         Column("95 % interval", "of the lead", "median", write=interval_cell),
     ]
     note = (

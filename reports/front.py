@@ -51,6 +51,7 @@ _WITHIN = (
     "without a curve, and within a time, of the rung that they choose. A codec without a rung as small or as fast on "
     f"each surface is left out. Numbers are of test pairs; a slice counts at most {MOST_DB} dB."
 )
+_OUTDONE = "a codec whose curves end before has more dB at a smaller size"
 _CHOICE = "A codec's rung is chosen by validation pairs, its numbers are of test pairs (docs/metrics.md, “Budgets”)."
 
 
@@ -63,14 +64,19 @@ def front_table(run: Run) -> Iterator[Table]:
         return
     columns = [CODEC]
     absent: dict[str, list[str]] = {}  # kinds by the line that keeps them from having a best
+    outdone: list[str] = []  # kinds without a best because smaller files have more
     for kind, surfaces in rungs.kinds.items():
         leader = rungs.absent_leader(ENOUGH, surfaces)
+        is_outdone = rungs.is_outdone(ENOUGH, surfaces)
         if leader:
             absent.setdefault(leader, []).append(kind)
+        elif is_outdone:
+            outdone.append(kind)
         name = f"{kind}, {len(surfaces)}"
-        columns.append(Column(name, "dB ↑", kind, ranked=not leader, before=("≥", f"{kind} bound")))
+        is_ranked = not (leader or is_outdone)
+        columns.append(Column(name, "dB ↑", kind, ranked=is_ranked, before=("≥", f"{kind} bound")))
     columns += [
-        Column("lead", "dB ↑", "median", signed=True, write=lead_cell),
+        Column("lead", "dB ↑", "median", signed=True, write=lead_cell, unranked="few"),
         Column("95 % interval", "of the lead", "median", write=interval_cell),
         Column("time", "× floor ↓", "time", -3),
     ]
@@ -79,6 +85,8 @@ def front_table(run: Run) -> Iterator[Table]:
     notes: list[str] = [Note((text, _LEAD.__contains__)) for text in (lead, *lead_notes(values))]
     for leader, names in absent.items():
         notes.append(f"No best is marked on {', '.join(names)} surfaces: {why_absent(leader)}.")
+    if outdone:
+        notes.append(f"No best is marked on {', '.join(outdone)} surfaces: {_OUTDONE}.")
     if EAGER in rungs.times:
         on_time = "Time: eager, of the files that PSNR is read off, median over the surfaces with times."
         notes.append(about_times(on_time))
@@ -99,8 +107,9 @@ def _front_values(rungs: Rungs) -> pd.DataFrame:
     values = values.join(frame_of_leads({line: rungs.lead(line) for line in lines}))
     values["single"] = [line not in rungs.hulls for line in lines]
     values["time"] = rungs.read(ENOUGH.most, EAGER).median(axis=1)
+    values["few"] = values["few"].eq(True)  # not NaN, as of lines without a lead
     values["order"] = values["median"].mask(values.index == AGAINST, 0.0)  # which has no lead over itself
-    return values.sort_values("order", ascending=False, kind="stable")
+    return values.sort_values(["few", "order"], ascending=[True, False], kind="stable")
 
 
 def budgets_tables(run: Run) -> Iterator[Table]:
@@ -129,7 +138,7 @@ def _budgets_parts(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | 
     if values.empty:
         return None
     # The budgets without a mark of the best, for either reason.
-    outdone = _outdone_sizes(readings)
+    outdone = [budget for budget in readings if rungs.is_outdone(budget, surfaces)]
     leader_of = {budget: rungs.absent_leader(budget, surfaces) for budget in readings}
     with_leader = [budget for budget, leader in leader_of.items() if leader]
     shapes = {rungs.shapes[surface] for surface in surfaces}
@@ -144,7 +153,7 @@ def _budgets_parts(rungs: Rungs, kind: str, surfaces: Sequence[str]) -> Parts | 
     if values.filter(like=" apart").any(axis=None):
         notes.append(f"*: told apart from {AGAINST} in the mean, by Holm's correction over the column.")
     if outdone:
-        notes.append("No best is marked at a size where a codec whose curves end before has more dB at a smaller one.")
+        notes.append(f"No best is marked at {', '.join(map(in_words, outdone))}: {_OUTDONE}.")
     for leader, budgets in grouped(with_leader, lambda budget: leader_of[budget]).items():
         notes.append(f"No best is marked at {', '.join(map(in_words, budgets))}: {why_absent(leader)}.")
     return Parts(_budgets_title(kind, surfaces), values, columns, notes)
@@ -166,22 +175,6 @@ def _budgets_values(rungs: Rungs, surfaces: Sequence[str], readings: Mapping[Bud
     sizes = [budget for budget in readings if budget.kind == BYTES]
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
     return values.sort_values([in_words(budget) for budget in sizes], ascending=False, kind="stable")
-
-
-def _outdone_sizes(readings: Mapping[Budget, pd.DataFrame]) -> list[Budget]:
-    """The sizes whose best has fewer dB than that of a smaller size, so that to mark it would mislead.
-
-    `readings` are those of `Rungs.readings`; their sizes ascend.
-    """
-    outdone = []
-    best_so_far = 0.0
-    for budget, reading in readings.items():
-        if budget.kind == BYTES and len(reading):
-            best = reading["value"].max()
-            if best < best_so_far:
-                outdone.append(budget)
-            best_so_far = max(best, best_so_far)
-    return outdone
 
 
 def _budgets_title(kind: str, surfaces: Sequence[str]) -> str:

@@ -28,13 +28,14 @@ def _within_budget(run: Run) -> list[str]:
     """A clause for each kind of surface: "relief leads on rendered surfaces, 2.5 dB before neubtf-direct".
 
     The lead, in median PSNR at the budget `ENOUGH`, is that before the codec `AGAINST` or, where it leads itself or is
-    missing, before the second. Kinds with fewer than two codecs, or with an absent leader, have no clause.
+    missing, before the second. Kinds with fewer than two codecs, or without a best, have no clause.
     """
     rungs = rungs_of(run)
     clauses: list[str] = []
     for kind, surfaces in rungs.kinds.items():
         medians = rungs.readings(ENOUGH, surfaces)["value"]  # by codec, the best first
-        if len(medians) > 1 and not rungs.absent_leader(ENOUGH, surfaces):
+        has_best = not (rungs.absent_leader(ENOUGH, surfaces) or rungs.is_outdone(ENOUGH, surfaces))
+        if len(medians) > 1 and has_best:
             best, *others = medians.index
             other = AGAINST if AGAINST in others else others[0]
             lead = medians[best] - medians[other]

@@ -41,17 +41,20 @@ def written_together(kind: str, parts: Sequence[Parts], common: Sequence[str]) -
 
 
 def frame_of_leads(leads: Mapping[str, Summary | None]) -> pd.DataFrame:
-    """The fields of leads, and whether they are told apart, by line; lines without a lead are left out."""
+    """The fields of leads, whether they are told apart, and whether they are of `few` surfaces, fewer than others, so
+    that they do not compare; by line, without lines that have no lead."""
     rows = {line: {**lead._asdict(), "apart": lead.apart} for line, lead in leads.items() if lead}
-    return pd.DataFrame.from_dict(rows, orient="index", columns=[*Summary._fields, "apart"])
+    frame = pd.DataFrame.from_dict(rows, orient="index", columns=[*Summary._fields, "apart"])
+    return frame.assign(few=frame["surfaces"] < frame["surfaces"].max())
 
 
 def lead_cell(row: Row) -> str:
-    """The lead, with a ° if it comes from single rungs."""
+    """The lead, with a ° if it comes from single rungs; and on how many surfaces, if others have it on more."""
     if isnan(row["median"]):
         # `AGAINST` has no lead over itself; any other line shares no bytes with it.
         return "" if row["codec"] == AGAINST else NONE
-    return signed(row["median"], 1) + ("°" if row["single"] else "")
+    where = f" on {row['surfaces']:.0f}" if row["few"] else ""
+    return signed(row["median"], 1) + ("°" if row["single"] else "") + where
 
 
 def interval_cell(row: Row) -> str:
@@ -81,7 +84,7 @@ def lead_notes(values: pd.DataFrame) -> Iterator[str]:
 
 def why_absent(leader: str) -> str:
     """The end of a sentence: why no line is marked as the best where `leader` has a value on some surfaces alone."""
-    return f"{leader} leads on the surfaces where its curve reaches that size"
+    return f"{leader} leads on the surfaces where it reaches that size"
 
 
 def stale_of(rungs: Rungs, lines: Iterable[str], surfaces: Sequence[str] = ()) -> list[bool]:

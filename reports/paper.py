@@ -226,7 +226,8 @@ def _names_of_starts(run: Run, suite: str) -> set[str | None]:
 
 
 def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
-    """What both tables show: a row for each material, label, status, number of fitted pairs, group of pairs and family.
+    """What both tables show: a row for each material, label, version of the codec, status, number of fitted pairs,
+    group of pairs and family.
 
     `material` is ours and `paper` the one that it stands for, or is `itself`; `by_recipe` says whether the fit is by
     the paper's method and recipe. `mean` and `std` are the mean and the deviation over slices, both averaged over the
@@ -239,7 +240,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     nearest = [fit for material in materials if material.name in NEAREST for fit in material.rows]
     fits += [fit for fit in nearest if fit.job.get("run") in starts]
     rows = [_number_of_job(fit, group, family) for fit, group, family in product(fits, _PAIRS, _METRICS)]
-    keys = ["material", "paper", "label", "status", "fitted", "group", "family"]
+    keys = ["material", "paper", "label", "version", "status", "fitted", "group", "family"]
     frame = pd.DataFrame(rows, columns=[*keys, "by_recipe", "stale", "steps", "size", "why", "mean", "std"])
     numbers = (
         frame.astype({"mean": float, "std": float})
@@ -267,6 +268,7 @@ def _number_of_job(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
         "material": job["material"],
         "paper": NEAREST.get(job["material"], job["material"]),
         "label": fit.label,
+        "version": job.get("fit_key", {}).get("version", 0),
         "status": job["status"],
         "group": group,
         "family": family,

@@ -31,6 +31,7 @@ from bench.compare.statistics import (
 )
 from bench.metrics import stats_of
 from bench.records import FLIP, PSNR, SSIM, Job, Records, Run, fitted_to_scene, grouped, kind_order, view
+from reports.numbers import as_read
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
@@ -268,8 +269,9 @@ class Rungs:
         return readings.sort_values("value", ascending=False, kind="stable")
 
     def absent_leader(self, budget: Budget, surfaces: Sequence[str], to_end: bool = False) -> str:
-        """A line whose curves reach a size on some of the surfaces alone, but is ahead of the best of those that have a
-        value on all, in the median over the surfaces that it has; "" if there is none. `to_end`: as for `read`.
+        """A line that reaches a size on some of the surfaces alone, by its curve or a rung, but is ahead of the best of
+        those that have a value on all, in the median over the surfaces that it has; "" if there is none. `to_end`: as
+        for `read`.
         """
         if budget.kind != BYTES or not surfaces:
             return ""
@@ -279,11 +281,25 @@ class Rungs:
         if on_all.empty:
             return ""
         best = on_all.loc[str(median_over(on_all).idxmax())]
-        for line in of_curves.index.difference(on_all.index, sort=False):
-            gaps = (of_curves.loc[str(line)] - best).dropna().to_numpy(float)
+        on_each = {surface: self.of_picks(self.picks(budget, [surface]))[surface] for surface in surfaces}
+        of_any_rungs = pd.DataFrame(on_each)  # NaN where a line has none
+        of_any = pd.concat([of_curves, of_any_rungs[~of_any_rungs.index.isin(of_curves.index)]])
+        for line in of_any.index.difference(on_all.index, sort=False):
+            gaps = (of_any.loc[str(line)] - best).dropna().to_numpy(float)
             if len(gaps) and np.median(gaps) > 0:
                 return str(line)
         return ""
+
+    def is_outdone(self, budget: Budget, surfaces: Sequence[str]) -> bool:
+        """Whether the best at a size has fewer dB, as tables read, than a line that does not reach it has at a smaller
+        one, so that to mark it would mislead."""
+        if budget.kind != BYTES:
+            return False
+        here = self.readings(budget, surfaces)["value"]
+        smaller = [self.readings(Budget(BYTES, bits), surfaces)["value"] for bits in BITS if bits < budget.most]
+        elsewhere = pd.concat([pd.Series(dtype=float), *smaller])
+        ended = elsewhere[~elsewhere.index.isin(here.index)]
+        return bool(len(here) and len(ended)) and as_read(ended.max(), 1) > as_read(here.max(), 1)
 
     def told_apart(self, budget: Budget, surfaces: Sequence[str]) -> set[str]:
         """The lines with a rung on each surface whose differences over these tell them apart from `AGAINST`."""

@@ -29,20 +29,23 @@ _NOTE = (
 
 
 def times_tables(run: Run) -> Iterator[Table]:
-    """Up to five tables: times of settings as budgets use them, and those of `variant_tables`. Each only if it has a
-    row."""
+    """Times of settings as budgets use them, and the tables of `variant_tables`. Each only if it has a row."""
     yield from _settings_table(run, run.setting_timings)
     yield from variant_tables(run, "times")
 
 
 def variant_tables(run: Run, kind: str) -> Iterator[Table]:
-    """Up to four tables, as tables of a kind ("times" or "trade"): settings in each execution and precision, what these
-    take of a GPU besides time, settings over batches, and steps of fits."""
+    """Up to four tables a device, as tables of a kind ("times" or "trade"): settings in each execution and precision,
+    what these take of a GPU besides time, settings over batches, and steps of fits."""
     # Only timings of settings in each execution and precision are compared with float64.
     variants = [timing for timing in run.timings if "of_tolerance" in timing]
     steps = [timing for timing in run.timings if timing.get("execution") == "fit step"]
-    tables = _variants_table(run, variants), _gpu_table(variants), _batches_table(variants), _steps_table(run, steps)
-    for table in chain.from_iterable(tables):
+    tables: list[Table] = []
+    for of_device in grouped(variants, itemgetter("device")).values():
+        tables += chain(_variants_table(run, of_device), _gpu_table(of_device), _batches_table(of_device))
+    for of_device in grouped(steps, itemgetter("device")).values():
+        tables += _steps_table(run, of_device)
+    for table in tables:
         yield replace(table, kind=kind)
 
 
