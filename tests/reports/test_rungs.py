@@ -6,8 +6,10 @@ import pytest
 from bench.compare.frame import EAGER, FUSED, line_of, setting_of
 from bench.compare.statistics import Curve, bd_psnr
 from bench.records import FLIP, MOST_DB, PSNR, append, load_run
+from reports.curves import curves_tables
 from reports.front import front_table, mean_ranks, when_table
-from reports.rungs import BYTES, DRAWS, Budget, Hull, _drawn, _weights, rungs_of, summarised
+from reports.rungs import BITS, BYTES, DRAWS, Budget, Hull, _drawn, _weights, rungs_of, summarised
+from reports.table import BOLD
 
 SIDE = 64
 METRICS = {PSNR: {"unit": "dB", "direction": "higher", "space": "display", "version": 1}}
@@ -306,3 +308,53 @@ def test_beyond_what_a_display_shows_codecs_share_their_rank(tmp_path):
     rungs = rungs_of(run_of(tmp_path / "run", *jobs))
     assert mean_ranks(rungs).mean == {"a": 1.5, "b": 1.5}
     assert ranked(rungs, Budget(BYTES, 4)) == {"a": MOST_DB, "b": MOST_DB}
+
+
+def ladder(codec, material, sizes, tests, validations=()):
+    """Rungs of sizes in bits a texel, with their PSNR at test pairs and, if it is another, at validation pairs."""
+    bytes_a_bit = SIDE * SIDE // 8
+    rungs = zip(sizes, tests, validations or tests, strict=True)
+    return [job(f"{codec} x={bits}", bits * bytes_a_bit, seen, test, material) for bits, test, seen in rungs]
+
+
+def best_of(table):
+    """The first cells of the rows with the best of a column, by the column's name."""
+    return {table.headers[column][0]: table.rows[row][0] for (row, column), mark in table.marks.items() if mark == BOLD}
+
+
+def test_a_lead_on_fewer_surfaces_than_others_have_is_neither_ranked_nor_first(tmp_path):
+    records = []
+    for material in ("m0", "m1", "m2"):
+        for codec, more in (("neubtf-direct", 0), ("good", 1), ("weak", -1)):
+            records += ladder(codec, material, (8, 16, 32), (28 + more, 29 + more, 30 + more))
+    run = run_of(tmp_path / "run", *records, *ladder("few", "m0", (8, 16, 32), (33, 34, 35)))
+    (front,) = front_table(run)
+    assert [row[0] for row in front.rows] == ["good", "neubtf-direct", "weak", "few"]
+    assert front.rows[-1][2] == "+5.0 on 1"
+    assert best_of(front) == {"lead": "good"}
+    curves, *_ = curves_tables(run)
+    assert (curves.rows[-1][0], {*best_of(curves).values()}) == ("few", {"good"})
+
+
+def test_a_codec_with_a_single_rung_on_some_surfaces_may_keep_a_best_from_being_marked(tmp_path):
+    records = []
+    for material in ("m0", "m1", "m2"):
+        records += ladder("a", material, (16, 32, 64), (29, 30, 31)) + ladder("b", material, (16, 32, 64), (28, 29, 30))
+    ahead = run_of(tmp_path / "ahead", *records, *ladder("one", "m0", (16,), (39,)))
+    behind = run_of(tmp_path / "behind", *records, *ladder("one", "m0", (16,), (20,)))
+    budget = Budget(BYTES, 32)
+    assert rungs_of(ahead).absent_leader(budget, ["m0", "m1", "m2"]) == "one"
+    assert rungs_of(behind).absent_leader(budget, ["m0", "m1", "m2"]) == ""
+    assert [best_of(table).get("measured, 3") for run in (ahead, behind) for table in front_table(run)] == [None, "a"]
+
+
+def test_no_best_is_marked_where_a_line_that_ended_before_has_more_but_its_own_dip_is_no_reason(tmp_path):
+    dips = ladder("a", "m0", (16, 32, 64), (29, 31, 30), (29, 30, 31)) + ladder("b", "m0", (16, 32, 64), (27, 28, 29))
+    run = run_of(tmp_path / "dips", *dips)
+    assert not rungs_of(run).is_outdone(Budget(BYTES, 64), ["m0"])
+    run = run_of(tmp_path / "ended", *dips, *ladder("small", "m0", (4, 8, 16), (34, 35, 36)))
+    outdone = [bits for bits in BITS if rungs_of(run).is_outdone(Budget(BYTES, bits), ["m0"])]
+    assert outdone == [32, 64]
+    (front,) = front_table(run)
+    assert "measured, 1" not in best_of(front)
+    assert any("smaller size" in note for note in front.notes)

@@ -50,3 +50,12 @@ def test_a_batch_that_only_a_setting_of_one_batch_has_is_no_column():
         run.timings.put(timing["job"], timing)
     (batches,) = [table for table in variant_tables(run, "times") if table.title.startswith("Batches")]
     assert [name for name, _ in batches.headers[2:]] == ["64", "256"]
+
+
+def test_each_device_has_tables_of_its_own():
+    run = Run(Path())
+    for device, ns in (("cpu", 1000.0), ("cuda", 2.0)):
+        timing = CONDITIONS | {"job": f"pca/{device}", "label": "pca", "device": device, "of_tolerance": 0.1}
+        run.timings.put(timing["job"], timing | {"ns_per_sample": ns, "limit_ns": ns / 2})
+    on_cpu, on_gpu = variant_tables(run, "times")
+    assert (on_cpu.rows, on_gpu.rows) == ([["pca", "1,000, 50"]], [["pca", "2.00, 50"]])
