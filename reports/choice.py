@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from bench.inputs.errors import InputError, did_you_mean
-from bench.records import Job, Records, Run, planned_jobs, shown_label
+from bench.records import Job, Run, planned_jobs, shown_label
 from reports.table import OfData, Spread, Table
 
 
@@ -51,7 +51,7 @@ class Choice:
             raise InputError(f"--against {self.against}: this run has no such row: it has {labels}")
         if not (self.codecs or self.materials):
             return run
-        jobs = Records({job["job"]: job for job in run.jobs if self._chosen(job["material"], _codec_names(job))})
+        jobs = run.jobs.only(lambda job: self._chosen(job["material"], _codec_names(job)))
         self._refuse_absent(run, jobs)
         if self.against and not any(self.against in _codec_names(job) for job in jobs):
             remedy = f"give --codec {self.against}, too" if self.codecs else "choose a material that it was measured on"

@@ -170,7 +170,8 @@ def _mean_change(changes: list[Change], every: bool) -> Change:
     assert tolerance is not None, "a deciding quantity has a tolerance"
     weights = _weights(changes, tolerance)
     chance = _scatter_of_mean(changes, weights)
-    margin = _margin_of_mean(tolerance, chance, every)
+    has_unknown = any(change.chance is None and change.spread is None for change in changes)  # rows of one seed
+    margin = _margin_of_mean(tolerance, chance, every, has_unknown)
     base = fmean(change.base for change in changes if change.base is not None)
     new = fmean(change.new for change in changes if change.new is not None)
     differences = [change.difference or 0.0 for change in changes]
@@ -192,9 +193,14 @@ def _weights(changes: list[Change], tolerance: Tolerance) -> list[float]:
     return [share / total for share in inverse]
 
 
-def _margin_of_mean(tolerance: Tolerance, chance: Chance | None, every: bool) -> float:
-    """How much a mean may lose, at least as much as chance explains; `every` is as in `_mean_row`."""
-    if every:
+def _margin_of_mean(tolerance: Tolerance, chance: Chance | None, every: bool, has_unknown: bool) -> float:
+    """How much a mean may lose, at least as much as chance explains; `every` is as in `_mean_row`.
+
+    `has_unknown` says that the scatter of some row is not known.
+    """
+    if has_unknown:
+        least = tolerance.one_seed
+    elif every:
         least = tolerance.common
     elif chance is not None:
         least = tolerance.drawn

@@ -117,7 +117,7 @@ def against_jobs(run: Run, first: str, *jobs: str) -> Against:
                 if cells and len(cells) == len(pairs):  # else it would be over fewer seeds than its means
                     on.setdefault(material, {})[label] = interval_of(cells)
         if len(ours) > 1:
-            over_all = _over_materials(ours, theirs)
+            over_all = _from_means(ours, theirs)
         else:
             over_all = next((of_material.get(label) for of_material in on.values()), None)
         if over_all:
@@ -133,7 +133,7 @@ def _pairs_of_fits(ours: Sequence[Job], theirs: Sequence[Job]) -> list[tuple[Job
     return [*product(ours, theirs)]
 
 
-def _over_materials(ours: Mapping[str, Sequence[Job]], theirs: Mapping[str, Sequence[Job]]) -> Interval | None:
+def _from_means(ours: Mapping[str, Sequence[Job]], theirs: Mapping[str, Sequence[Job]]) -> Interval | None:
     """The difference over the materials of `ours`, by which both sides are given, from the recorded means, over all
     seeds; None where theirs lack one of these, or were scored otherwise there."""
     if ours.keys() - theirs.keys():
@@ -144,11 +144,14 @@ def _over_materials(ours: Mapping[str, Sequence[Job]], theirs: Mapping[str, Sequ
         if any(scored_unlike(our_jobs[0]["score_key"], job["score_key"]) for job in (*our_jobs, *their_jobs)):
             return None
         differences.append(_mean_psnr(their_jobs) - _mean_psnr(our_jobs))
-    means = np.array(differences)  # (materials,) in dB
-    reach, _ = student(means)
-    mean = float(means.mean())
-    seeds = max(map(len, (*ours.values(), *theirs.values())))
-    return Interval(mean, mean - reach, mean + reach, len(means), seeds, chance_if_equal(means))
+    return over_materials(np.array(differences), max(map(len, (*ours.values(), *theirs.values()))))
+
+
+def over_materials(differences: np.ndarray, seeds: int) -> Interval:
+    """The mean of differences on several materials, (materials,) in dB, with Student's interval."""
+    reach, _ = student(differences)
+    mean = float(differences.mean())
+    return Interval(mean, mean - reach, mean + reach, len(differences), seeds, chance_if_equal(differences))
 
 
 def _mean_psnr(jobs: Iterable[Job]) -> float:

@@ -83,6 +83,14 @@ class Records(Sequence[Item]):
         """Add a record; it replaces an earlier one of that name."""
         self._by_name[name] = record
 
+    def drop(self, name: object) -> None:
+        """Remove the record of a name, if there is one."""
+        self._by_name.pop(name, None)
+
+    def only(self, wanted: Callable[[Item], bool]) -> "Records[Item]":
+        """The wanted records, under the same names."""
+        return Records({name: record for name, record in self._by_name.items() if wanted(record)})
+
     def arrange(self, names: Iterable[object]) -> None:
         """Sort the records into this order; those it does not name follow."""
         ordered = {name: self._by_name[name] for name in names if name in self._by_name}
@@ -227,9 +235,10 @@ def load_together(
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
     The paths in the records of several runs become absolute. Warns of lines that cannot be read, which are left out. If
-    two runs measured the same job, the later one counts; `InputError` if they used different data. Jobs with a result
-    that are not `wanted` replace no other job. With `beside`, files of records come first, and a job of a folder that
-    used other data than theirs stands beside theirs under another name, without its timing.
+    two runs measured the same job, the later one counts; `InputError` if they used different data. Jobs that failed
+    replace none with a result, and jobs with a result that are not `wanted` replace no other job. With `beside`, files
+    of records come first, and a job of a folder that used other data than theirs stands beside theirs under another
+    name, without its timing.
     """
     paths = [path for source in sources for path in _files_of(Path(source))]
     if beside:
@@ -250,7 +259,13 @@ def load_together(
                 aside.add(name)
                 together.jobs.put((number, name), job)  # under a key that no other job has
                 continue
-            if not _of_other_data(job, together.job(name)):
+            known = together.job(name)
+            if known and known["status"] == "ok" != job["status"]:  # what failed has no number to put in place of one
+                aside.add(name)
+                continue
+            if not _of_other_data(job, known):
+                if known and _file_of(known) != _file_of(job):
+                    together.timings.drop(name)  # that of another file
                 together.jobs.put(name, job)
                 if is_file:
                     together.published.add(name)

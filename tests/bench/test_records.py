@@ -218,5 +218,23 @@ def test_a_job_that_replaces_no_other_leaves_the_choices_of_the_other_as_they_ar
     assert [choice["score_key"]["sha256"] for choice in run.choices] == ["a"]
 
 
+def test_a_job_that_failed_replaces_no_result_and_a_new_file_has_no_old_time(tmp_path):
+    def run(name, status, sha256=""):
+        (tmp_path / name).mkdir()
+        append(tmp_path / name, job("x", status, run=name, **({"score_key": {"sha256": sha256}} if sha256 else {})))
+
+    def together(*names):
+        return lines.load_together([tmp_path / name for name in names])
+
+    for name in ("first", "same", "other"):
+        run(name, "ok", "2" if name == "other" else "1")
+    run("failed", "failed")
+    append(tmp_path / "first", timing("x", 1.0))
+    jobs_of = {last: [job["run"] for job in together("first", last).jobs] for last in ("failed", "same", "other")}
+    assert jobs_of == {"failed": ["first"], "same": ["same"], "other": ["other"]}
+    assert [len(together("first", last).timings) for last in jobs_of] == [1, 1, 0]
+    assert [job["status"] for job in together("failed", "first").jobs] == ["ok"]
+
+
 def test_a_psnr_without_error_counts_as_the_most_that_a_display_shows():
     assert (counted(None), counted(30.0)) == (MOST_DB, 30.0)

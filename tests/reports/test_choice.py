@@ -90,3 +90,15 @@ def test_a_row_to_set_others_against_that_is_not_chosen_is_refused_with_the_opti
         table_text(folder, "text", "summary", Choice(codecs=["vq", "neubtf-direct"], against="pca"))
     chosen = Choice(codecs=["vq", "pca"], against="pca")
     assert "against pca" in table_text(folder, "csv", "summary", chosen)
+
+
+def test_a_choice_of_every_codec_changes_no_number(run_maker, tmp_path):
+    for name, validated in (("a", True), ("b", False)):
+        made = run_maker(tmp_path / name).start()
+        known = made._group(30.0 if validated else 25.0)
+        scores = {"heldout": known, "train": known} | ({"validation": known} if validated else {})
+        made.job("pca", scores=scores, fit_seconds=1.0)
+    folders = [tmp_path / "a", tmp_path / "b"]
+    whole = table_text(folders, kind="budgets")
+    assert "30.0" in whole
+    assert table_text(folders, kind="budgets", choice=Choice(["pca"])) == whole

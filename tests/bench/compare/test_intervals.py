@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from bench.compare.paired import Cell, interval, told_apart
+from bench.compare.paired import over_materials, told_apart
 
 Array = np.ndarray
 FITS = 0.3  # dB between two seeds of a codec on one material: docs/decisions/0041
@@ -38,12 +38,9 @@ def told(table: Array) -> Array:
     """Mask (codecs,) of the codecs of a table that are told apart from its first, by the rule of the tables."""
     rows = {}
     for label, codec in enumerate(table[1:], 1):
-        both = zip(codec.reshape(-1, DRAWN), table[0].reshape(-1, DRAWN), strict=True)
-        cells = (ours - theirs for ours, theirs in both)
-        seeds = table.shape[2]
-        made = [Cell(f"m{at // seeds}", at % seeds, f"{at}", each) for at, each in enumerate(cells)]
-        rows[str(label)] = interval(made)
-    found = told_apart({label: each for label, each in rows.items() if each})
+        differences = (codec - table[0]).mean((1, 2))  # (materials,)
+        rows[str(label)] = over_materials(differences, seeds=table.shape[2])
+    found = told_apart(rows)
     return np.array([str(label) in found and found[str(label)].apart for label in range(len(table))])
 
 

@@ -5,7 +5,7 @@ from statistics import fmean, stdev
 
 import pytest
 
-from bench.compare.comparison import Comparison, _mean_change
+from bench.compare.comparison import Comparison, _mean_change, compare
 from bench.compare.quantities import DECIBELS, Quantity
 from bench.compare.rows import ComparedRow
 from bench.compare.verdicts import Chance, Change, Verdict
@@ -60,3 +60,13 @@ def test_the_last_line_agrees_with_the_exit_code():
     assert counts(Comparison([*rows, gone], [])) == [("5", "rows"), ("1", "gone"), ("4", "same"), ("1", "of")]
     new = Comparison([ComparedRow("satin", "vq", Verdict.NEW)], [])
     assert (new.exit_code, counts(new)) == (NOTHING, [("1", "rows"), ("1", "new")])
+
+
+def test_rows_of_one_seed_allow_their_mean_as_much_as_themselves(make):
+    def run(name, psnr):
+        return make.run(name, *(make.job("vq", material, psnr=psnr) for material in ("satin", "wool")), seeds=(0,))
+
+    base = run("base", 30.0)
+    for lost, verdict in ((0.1, "same"), (0.3, "WORSE")):
+        comparison = compare(base, run(f"new {lost}", 30.0 - lost))
+        assert {row.verdict for row in (*comparison.rows, *comparison.means)} == {verdict}
