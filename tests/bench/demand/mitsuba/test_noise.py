@@ -32,7 +32,7 @@ def test_as_many_samples_reach_the_noise_that_is_stated(file, monkeypatch):
     monkeypatch.setattr(noise, "NOISE", 0.2)
     (figures,) = measured(file, [None], 16)
     bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), "repeat": noise.REPEAT})
-    scene = noise._loaded(bsdf, SIDE)
+    scene = noise._ball(bsdf, SIDE)
     pictures = [np.asarray(mi.render(scene, spp=round(figures.samples), seed=100 + k)).mean(2) for k in range(24)]
     spread = np.sqrt(np.var(pictures, axis=0, ddof=1).mean()) / np.mean(pictures)
     assert figures.samples > 10
