@@ -260,7 +260,8 @@ def load_together(
                 together.jobs.put((number, name), job)  # under a key that no other job has
                 continue
             known = together.job(name)
-            if known and known["status"] == "ok" != job["status"]:  # what failed has no number to put in place of one
+            has_result = known is not None and known["status"] == "ok"
+            if has_result and job["status"] != "ok":  # what failed has no number to put in place of one
                 aside.add(name)
                 continue
             if not _of_other_data(job, known):
