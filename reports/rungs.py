@@ -291,15 +291,25 @@ class Rungs:
         return ""
 
     def is_outdone(self, budget: Budget, surfaces: Sequence[str]) -> bool:
-        """Whether the best at a size has fewer dB, as tables read, than a line that does not reach it has at a smaller
-        one, so that to mark it would mislead."""
+        """Whether the best at a size has fewer dB, as tables read, than a line whose curves end before has at their
+        end, so that to mark it would mislead."""
         if budget.kind != BYTES:
             return False
         here = self.readings(budget, surfaces)["value"]
-        smaller = [self.readings(Budget(BYTES, bits), surfaces)["value"] for bits in BITS if bits < budget.most]
-        elsewhere = pd.concat([pd.Series(dtype=float), *smaller])
-        ended = elsewhere[~elsewhere.index.isin(here.index)]
-        return bool(len(here) and len(ended)) and as_read(ended.max(), 1) > as_read(here.max(), 1)
+        ended = [self._end(line, surfaces) for line in self.hulls if line not in here.index]
+        values = [value for size, value in ended if size < np.log2(budget.most)]
+        return bool(len(here) and values) and as_read(max(values), 1) > as_read(here.max(), 1)
+
+    def _end(self, line: str, surfaces: Sequence[str]) -> tuple[float, float]:
+        """The largest size that all curves of a line on these surfaces reach, as log2 of bits a texel, and its median
+        PSNR there; infinite and NaN if they share no size, or if there is not one on each surface."""
+        hulls = [hull for surface, hull in self.hulls[line].items() if surface in surfaces]
+        size = min((hull.sizes[-1] for hull in hulls), default=np.inf)
+        values = [at(curve, size) for hull in hulls if (curve := self.curve(hull))]
+        reached = [value for value in values if value is not None]
+        if len(reached) < len(surfaces):
+            return np.inf, np.nan
+        return size, float(np.median(reached))
 
     def told_apart(self, budget: Budget, surfaces: Sequence[str]) -> set[str]:
         """The lines with a rung on each surface whose differences over these tell them apart from `AGAINST`."""
