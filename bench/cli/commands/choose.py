@@ -38,6 +38,7 @@ from bench.compare.choosing import (
     usable_rungs,
 )
 from bench.data.kinds import kind_of
+from bench.data.spec import MaterialSpec
 from bench.demand.demand import load as load_demand
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
@@ -95,6 +96,7 @@ def run(options: argparse.Namespace) -> int:
     if not suite.data.validation:
         why = f"suite {suite.name} has no validation pairs to choose by"
         raise InputError(f"choose: {why}: add `validation = true` to [data]")
+    _refuse_other_material(folder, suite.materials[0])
     rungs = _rungs_after_measuring(folder, suite, options, wishes)
     if not rungs:
         say_line(f"{material}: nothing could be measured; the reasons are in {folder}")
@@ -276,6 +278,16 @@ def _suite_of_material(options: argparse.Namespace) -> Suite:
         return with_changes(suite, materials=[], codecs=[], changes={"steps": str(options.steps)})
     except InputError as error:
         raise InputError(f"--steps {options.steps}: {error}") from error
+
+
+def _refuse_other_material(folder: Path, spec: MaterialSpec) -> None:
+    """`InputError` if a start in the folder measured another file under the name of this material: its numbers would
+    pass for those of this one."""
+    for start in run_so_far(folder).starts:
+        for measured in start.get("materials") or []:  # absent, or null in the record
+            if measured["name"] == spec.name and Path(measured["path"]).resolve() != Path(spec.path).resolve():
+                place = measured["path"] or "the built-in material"
+                raise InputError(f"{folder}: {spec.name} was measured there from {place}: give another --out")
 
 
 def _rungs_after_measuring(folder: Path, suite: Suite, options: argparse.Namespace, wishes: Limits) -> list[Rung]:

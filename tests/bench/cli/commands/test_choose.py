@@ -181,6 +181,20 @@ def test_the_copy_replaces_no_measurement(tmp_path, capsys):
     assert (tmp_path / "cloth.npz").read_bytes() == b"measured"
 
 
+def test_another_file_of_the_same_name_does_not_get_the_answer_of_the_first(tmp_path, monkeypatch, capsys):
+    suite = tmp_path / "own.toml"
+    suite.write_text('materials = ["satin"]\ndata.validation = true\n[[codecs]]\ncodec = "pca"\n')
+    choice = row("pca", 36.0, 500, 100.0, codec="pca", settings={}, device="cpu")
+    monkeypatch.setattr("bench.cli.commands.choose._measured_rungs", lambda *_: (usable_rungs([choice], "m"), []))
+    first, other = tmp_path / "first" / "cloth.npz", tmp_path / "other" / "cloth.npz"
+    append(tmp_path, {"kind": "run", "run": "1", "materials": [{"name": "cloth.npz", "path": str(first)}]})
+    append(tmp_path, {"kind": "job", "job": "m/pca/0", "material": "m", "label": "pca", "seed": 0, "status": "failed",
+                      "error": "why"})  # fmt: skip
+    words = ["--min-psnr", "30", "--suite", str(suite), "--out", str(tmp_path)]
+    assert [cli.main(["choose", str(each), *words]) for each in (first, other)] == [0, 2]
+    assert f"cloth.npz was measured there from {first}: give another --out" in capsys.readouterr().err
+
+
 def test_the_command_that_is_printed_is_what_a_shell_runs(tmp_path, monkeypatch, capsys):
     choice = row("pca", 36.0, 500, 100.0, codec="pca", settings={"components": 4}, device="cpu")
     suite = tmp_path / "own.toml"
@@ -243,7 +257,7 @@ def test_with_a_scene_the_best_of_the_other_codecs_is_shown_too(tmp_path, monkey
         of = f"satin/{codec}/0"
         jobs[of] = {"score_key": {"demand": fingerprint}, "scene": {"metrics": {"psnr_display": psnr}}}
         choices.append(row(codec, psnr, size, 100.0, material="satin", codec=codec, of=of, device="cpu", settings={}))
-    run = Mock(choices=choices, job=jobs.get)
+    run = Mock(choices=choices, job=jobs.get, starts=[])
     for name in ("load_run", "run_so_far"):
         monkeypatch.setattr(f"bench.cli.commands.choose.{name}", lambda _: run)
     monkeypatch.setattr("bench.cli.commands.choose._measure", lambda *_: None)
