@@ -209,6 +209,8 @@ def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: li
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
         return []
+    if len(ours) < len(base):  # means are over more seeds than differences slice by slice would be
+        return changes
     base_run, new_run = runs
     interval = interval_between_runs(base_run, ours, new_run, theirs)  # of the differences of PSNR, slice by slice
     return [replace(change, interval=interval if change.quantity.name == MAIN else None) for change in changes]

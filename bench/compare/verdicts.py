@@ -288,7 +288,8 @@ def _obstacle(quantity: Quantity, base: Job, new: Job, before: Sequence[object],
     if base_version != new_version:
         return f"{quantity.metric} version {new_version} instead of {base_version}"
     is_missing = None in before or None in after
-    if is_missing and before != after:  # if both lack the same, nothing got worse
+    both_lack_all = {*before, *after} == {None}  # also of different numbers of seeds
+    if is_missing and before != after and not both_lack_all:  # where both lack the same, nothing got worse
         return "no finite number"
     return ""
 

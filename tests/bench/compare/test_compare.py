@@ -2,10 +2,12 @@ import math
 import re
 import statistics
 
+import numpy as np
 import pytest
 from scipy import integrate, stats
 
 from bench.compare.comparison import compare
+from bench.compare.paired import packed
 from bench.compare.verdicts import quantile
 from bench.inputs.errors import InputError
 from bench.records import load_run
@@ -335,3 +337,30 @@ def test_a_row_that_a_new_default_renames_does_not_join_another_row_of_the_base(
     new = make.run("new", make.job("pca", settings=eight), make.job("pca components=4", settings=four))
     verdicts = {row.label: row.verdict.lower() for row in compare(base, new).rows}
     assert verdicts == {"pca": "same", "pca components=8": "gone", "pca components=4": "new"}
+
+
+def test_an_interval_is_shown_only_where_it_is_over_the_seeds_of_the_means(make):
+    def jobs(shift, count):
+        hard = np.linspace(28, 32, 9)
+        slices = [hard + shift + 0.1 * seed for seed in range(count)]
+        return [
+            make.job("vq", seed=seed, psnr=float(values.mean()), slices={PSNR: packed(values)})
+            for seed, values in enumerate(slices)
+        ]
+
+    base = make.run("base", *jobs(0, 3))
+    for count, is_shown in ((3, True), (1, False)):
+        (row,) = compare(base, make.run(f"new {count}", *jobs(-1, count), seeds=range(count))).rows
+        (reason,) = [reason for reason in row.reasons() if reason.startswith("PSNR ")]
+        assert ("95 %" in reason) == is_shown
+
+
+def test_a_group_that_is_empty_in_both_runs_is_no_obstacle_to_other_numbers_of_seeds(make):
+    def jobs(seeds):
+        records = [make.job("vq", seed=seed, psnr=30.0 + 0.01 * seed) for seed in seeds]
+        for record in records:
+            record["scores"]["train"] = {"slices": 0, "metrics": {}}
+        return records
+
+    base, new = make.run("base", *jobs(range(3))), make.run("new", *jobs((7,)), seeds=(7,))
+    assert [str(row.verdict) for row in compare(base, new).rows] == ["same"]
