@@ -78,7 +78,6 @@ def front_table(run: Run) -> Iterator[Table]:
     columns += [
         Column("lead", "dB ↑", "median", signed=True, write=lead_cell, unranked="few"),
         Column("95 % interval", "of the lead", "median", write=interval_cell),
-        Column("time", "× floor ↓", "time", -3),
     ]
     title = f"At {in_words(ENOUGH)}: test PSNR, medians over {', '.join(rungs.surfaces)}"
     lead = f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over all surfaces."
@@ -88,6 +87,7 @@ def front_table(run: Run) -> Iterator[Table]:
     if outdone:
         notes.append(f"No best is marked on {', '.join(outdone)} surfaces: {_OUTDONE}.")
     if EAGER in rungs.times:
+        columns.append(Column("time", "× floor ↓", "time", -3))
         on_time = "Time: eager, of the files that PSNR is read off, median over the surfaces with times."
         notes.append(about_times(on_time))
     yield written("front", title, values, columns, [*notes, READ, *common_notes(run, rungs)])
