@@ -99,9 +99,9 @@ def _values_of_decoder(same_decoder: Sequence[TimedJob], older: Collection[str])
     """
     job = min(same_decoder, key=lambda job: len(job["label"]))
     paper = _published(job)
-    ns: dict[str, float] = {}  # by execution; if several jobs timed one, of the last
-    for each in same_decoder:
-        ns |= each.get("ns", {})
+    ns: dict[str, float] = {}  # by execution: of the job that names the row or, without one, of the first that has it
+    for each in (job, *same_decoder):
+        ns = each.get("ns", {}) | ns
     return {
         "method": paper.method,
         "codec": shown_label(job),

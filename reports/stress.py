@@ -26,12 +26,16 @@ def stress_tables(run: Run) -> list[Table]:
 
 
 def _records_for(run: Run) -> list[Stress]:
-    """A run's own stress records or, if it has none, some of the stress test in the folder beside the run.
+    """A run's own stress records, of the newest version of each codec, or if it has none, some of the stress test in
+    the folder beside the run.
 
     Those are the records of the codecs that the run measured, in the same version: others are of other code.
     """
     if len(run.stress):
-        return list(run.stress)
+        newest: dict[str, int] = {}
+        for record in run.stress:
+            newest[record["subject"]] = max(record.get("version") or 0, newest.get(record["subject"], 0))
+        return [record for record in run.stress if (record.get("version") or 0) == newest[record["subject"]]]
     folder = run.folder.parent / STRESS
     is_this_run = folder.resolve() == run.folder.resolve()  # which has no records, see above
     if is_this_run or not (folder / FILE).is_file():

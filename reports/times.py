@@ -30,7 +30,8 @@ _NOTE = (
 
 def times_tables(run: Run) -> Iterator[Table]:
     """Times of settings as budgets use them, and the tables of `variant_tables`. Each only if it has a row."""
-    yield from _settings_table(run, run.setting_timings)
+    for conditions, timings in grouped(run.setting_timings, partial(_conditions, run)).items():
+        yield _settings_table(conditions, timings)
     yield from variant_tables(run, "times")
 
 
@@ -41,18 +42,21 @@ def variant_tables(run: Run, kind: str) -> Iterator[Table]:
     variants = [timing for timing in run.timings if "of_tolerance" in timing]
     steps = [timing for timing in run.timings if timing.get("execution") == "fit step"]
     tables: list[Table] = []
-    for of_device in grouped(variants, itemgetter("device")).values():
+    for of_device in grouped(variants, _device_of).values():
         tables += chain(_variants_table(run, of_device), _gpu_table(of_device), _batches_table(of_device))
-    for of_device in grouped(steps, itemgetter("device")).values():
+    for of_device in grouped(steps, _device_of).values():
         tables += _steps_table(run, of_device)
     for table in tables:
         yield replace(table, kind=kind)
 
 
-def _settings_table(run: Run, timings: list[Timing]) -> Iterator[Table]:
-    """A table with a row a setting, the quickest first; none without timings."""
-    if not timings:
-        return
+def _device_of(timing: Timing) -> tuple[str, str]:
+    """The device of a timing and, of a GPU, its name."""
+    return timing["device"], timing.get("gpu", "")
+
+
+def _settings_table(conditions: str, timings: list[Timing]) -> Table:
+    """A table with a row a setting that was timed under these conditions, in words; the quickest first."""
     quickest_first = sorted(timings, key=lambda timing: float(timing["ratio_to_floor"]))
     columns = [
         Column("setting", "", "label"),
@@ -63,7 +67,7 @@ def _settings_table(run: Run, timings: list[Timing]) -> Iterator[Table]:
         Column("operations", "a query", "flops", 0),
     ]
     values = pd.DataFrame([_values_of_setting(timing) for timing in quickest_first])
-    yield written("times", f"Times of settings: {_conditions(run, quickest_first[0])}", values, columns, [_NOTE])
+    return written("times", f"Times of settings: {conditions}", values, columns, [_NOTE])
 
 
 def _values_of_setting(timing: Timing) -> dict[str, Any]:

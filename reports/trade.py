@@ -27,11 +27,14 @@ def trade_tables(run: Run, materials: Iterable[MaterialRows], whole: bool = Fals
     their stability, and the ceilings last."""
     rows_of_run = chain.from_iterable(each.rows for each in materials)
     older = {row.job["job"] for row in rows_of_run if row.values["stale"]}
-    for material, choices in grouped(run.choices, itemgetter("material")).items():
+    by_device = grouped(run.choices, itemgetter("material", "device"))
+    has_several_devices = len({device for _, device in by_device}) > 1
+    for (material, device), choices in by_device.items():
         rows = sorted(choices, key=lambda row: "of" not in row)  # the floor last
-        yield _choices_table(material, rows, older, whole)
+        where = f", on {device}" if has_several_devices else ""
+        yield _choices_table(material, where, rows, older, whole)
         if whole and any("from_float32" in row for row in rows):  # else there is no other execution to compare
-            yield _stability_table(material, rows, older)
+            yield _stability_table(material, where, rows, older)
     floors = [row for row in run.choices if "of" not in row]
     if floors and whole:
         yield _ceilings_table(floors)
@@ -65,11 +68,11 @@ _ABOVE = (
 )
 
 
-def _choices_table(material: str, rows: list[Timing], older: Collection[str], whole: bool) -> Table:
+def _choices_table(material: str, where: str, rows: list[Timing], older: Collection[str], whole: bool) -> Table:
     """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
 
     Without `whole`, choices on no front are left out; those of `older` jobs are stale. The first notes say which
-    choices are the best and the fastest.
+    choices are the best and the fastest. `where` ends the title, to tell devices apart.
     """
     measured = [row for row in rows if "of" in row and "error" not in row]
     fronts = {"speed": on_front(measured, "ns_per_sample"), "rate": on_front(measured, "bytes")}
@@ -89,7 +92,7 @@ def _choices_table(material: str, rows: list[Timing], older: Collection[str], wh
     if any("noise" in row or "noise_error" in row for row in shown):
         columns += _NOISE
         notes += _noise_notes(shown)
-    title = f"{material}: gains and losses of each setting"
+    title = f"{material}: gains and losses of each setting{where}"
     return written("trade", title, values, columns, notes, material=material)
 
 
@@ -133,17 +136,18 @@ def _note_on_conditions(rows: Sequence[Timing]) -> str:
     timed = next((row for row in rows if "ns_per_sample" in row), None)
     if timed is None:
         return "Nothing could be timed."
+    conditions = conditions_in_words(timed, variant="eager float32 unless a row says otherwise")
     return (
-        "Quality: held-out pairs, from the file. Time: a whole query of random samples, in turns with all others, on "
-        f"{conditions_in_words(timed, variant='eager float32 unless a row says otherwise')}. Floor: one bilinear "
-        "fetch of a colour. Limit: by this machine's measured rates."
+        "Quality: held-out pairs, or all if none are held out, from the file. Time: a whole query of random samples, "
+        f"in turns with all others, on {conditions}. Floor: one bilinear fetch of a colour. Limit: by this machine's "
+        "measured rates."
     )
 
 
-def _stability_table(material: str, rows: Sequence[Timing], older: Collection[str]) -> Table:
+def _stability_table(material: str, where: str, rows: Sequence[Timing], older: Collection[str]) -> Table:
     """A row for each choice of another execution or precision than eager float32: its time, and how far its answers are
     from those of eager float32 with the same label. `rows` are all choices of the material, `older` the names of
-    stale jobs."""
+    stale jobs; `where` is as for `_choices_table`."""
     plain = [row for row in rows if is_plain(row) and "psnr" in row]
     psnr_of_plain = {row["label"]: counted(row["psnr"]) for row in plain}
     values = []
@@ -155,10 +159,10 @@ def _stability_table(material: str, rows: Sequence[Timing], older: Collection[st
             numbers = {"time": row["ratio_to_floor"], "worst": worst, "gained": gained, "flip": row.get("flip")}
             values.append({"codec": name_of_choice(row), **numbers, "stale": row.get("of") in older})
     note = (
-        "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
-        "mean PSNR against the truth."
+        "Worst slice: PSNR of the slice, of the same pairs, that differs most from the answers of eager float32. "
+        "Gained: of the mean PSNR against the truth."
     )
-    title = f"{material}: stability of executions and precisions"
+    title = f"{material}: stability of executions and precisions{where}"
     columns = [Column("choice", "", "codec"), Column("time", "× floor", "time", -3)]
     columns += [Column("worst slice", "from float32, dB ↑", "worst", ranked=False)]
     columns += [Column("gained", "dB", "gained", 2, signed=True), Column("FLIP", "↓", "flip", 3, ranked=False)]

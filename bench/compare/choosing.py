@@ -10,9 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bench.metrics import stats_of
+from bench.metrics import all_exact, stats_of
 from bench.records import (
-    MOST_DB,
     PSNR,
     VALIDATION,
     Job,
@@ -196,16 +195,14 @@ def name_of_choice(row: Timing) -> str:
 
 def choice_in_words(row: Timing) -> str:
     """A choice with its figures, in words: first the PSNR that decides, then that of test pairs."""
-    of_validation = _decibels(row["validation"]["mean"])
-    of_test = _decibels(row["psnr"])
+    of_validation = _decibels(row["validation"]["mean"], is_exact=all_exact(row["validation"]))
+    of_test = _decibels(row["psnr"], is_exact="worst" in row and row["worst"] is None)
     quality = f"{of_validation} on validation pairs, {of_test} on test pairs"
     return f"{name_of_choice(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
 
 
-def _decibels(value: float | None) -> str:
-    """A PSNR in words: "exact" from `MOST_DB` on, "no number" for None."""
-    if value is None:
-        return "no number"
-    if value >= MOST_DB:
+def _decibels(value: float | None, is_exact: bool) -> str:
+    """A PSNR in words: "exact" if no slice has an error, "no number" for None."""
+    if is_exact:
         return "exact"
-    return f"{value:.2f} dB"
+    return "no number" if value is None else f"{value:.2f} dB"

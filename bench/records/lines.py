@@ -144,8 +144,14 @@ class Run:
 
     @property
     def setting_timings(self) -> list[Timing]:
-        """The timings of settings, apart from surfaces: only they are pooled over rounds."""
-        return [timing for timing in self.timings if "rounds" in timing]
+        """The timings of settings, apart from surfaces: only they are pooled over rounds. Of each setting and device
+        those of the run that timed it last, since a codec may have needed other operations before."""
+        timings = [timing for timing in self.timings if "rounds" in timing]
+        last_run: dict[tuple[str, str], str] = {}
+        for timing in timings:
+            place = timing["label"], timing["device"]
+            last_run[place] = max(timing["run"], last_run.get(place, ""))
+        return [each for each in timings if each["run"] == last_run[each["label"], each["device"]]]
 
     def start_of(self, record: Mapping[str, Any]) -> RunStart:
         """The start that measured a job or a timing: the last one, if it names none; empty if it is not here."""
@@ -164,8 +170,8 @@ class Run:
         of_trade = [timing for timing in self.timings if "material" in timing]
         ended = [timing for timing in of_trade if "ns_per_sample" in timing or "error" in timing]
         current = [timing for timing in ended if "of" not in timing or self._is_current(timing)]  # and floors
-        materials = {timing["material"] for timing in current if "of" in timing}
-        return [timing for timing in current if timing["material"] in materials]  # no floor alone
+        timed = {(timing["material"], timing.get("device")) for timing in current if "of" in timing}
+        return [each for each in current if (each["material"], each.get("device")) in timed]  # no floor alone
 
     def _is_current(self, timing: Timing) -> bool:
         """Whether the job that was timed is here, with the file that was timed; a job that failed has no file, and
@@ -385,7 +391,11 @@ def _add_line(run: Run, line: bytes, place: str) -> bool:
         case "stress":
             run.stress.put((record["subject"], record["extreme"]), cast(Stress, record))
         case "job":
-            run.jobs.put(record["job"], cast(Job, record))
+            job = cast(Job, record)
+            before = run.job(job["job"])
+            if before and job["status"] == "ok" and _file_of(before) != _file_of(job):
+                run.timings.drop(job["job"])  # the time is that of another file
+            run.jobs.put(job["job"], job)
         case "timing":
             run.timings.put(record["job"], cast(Timing, record))
     return True

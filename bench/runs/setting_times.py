@@ -27,6 +27,7 @@ from bench.data.open import open_material
 from bench.data.spec import MaterialSpec
 from bench.demand.mitsuba import load_path_tracer
 from bench.inputs.errors import InputError
+from bench.machine.devices import is_gpu
 from bench.material import Material
 from bench.records.schema import setting_name
 from bench.runs import library, lock
@@ -102,6 +103,8 @@ def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progres
         conditions = timing.conditions(suite.threads, device)
         rows = [entry.record(run) | conditions for entry in entries.values()]
         for row in rows:
+            if is_gpu(device):  # tables of budgets look for the processor's time, which this one does not replace
+                row["job"] = f"{row['job']}/{device}"
             records.append(folder, row)
     return sorted(rows, key=lambda row: float(row["ratio_to_floor"]))
 

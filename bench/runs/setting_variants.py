@@ -324,13 +324,17 @@ def _timings_of_steps(suite: Suite, device: str, clock: Clock, done: set[str], s
         if clock.over:
             return
         try:
+            # The first fit of a codec in a process pays for imports and compilations: it is not counted.
+            _seconds_of_fit(spec, steps=1, train=train, device=device, threads=suite.threads)
             one_step = _seconds_of_fit(spec, steps=1, train=train, device=device, threads=suite.threads)
             many_steps = _seconds_of_fit(spec, steps=1 + FIT_STEPS, train=train, device=device, threads=suite.threads)
         except Exception as error:  # a fit may take more memory than a GPU has
             log.warning("%s: its fit is not timed: %s", spec.label, error)
             continue
-        # The difference leaves out what a fit takes besides its steps; noise must not make it negative.
-        step_ns = max(1.0, 1e9 * (many_steps - one_step) / FIT_STEPS)
+        step_ns = 1e9 * (many_steps - one_step) / FIT_STEPS  # without what a fit takes besides its steps
+        if step_ns <= 0:
+            log.warning("%s: its fit is not timed: %d steps took no longer than one", spec.label, 1 + FIT_STEPS)
+            continue
         yield _timing_of_step(_name_of_step(spec, device), spec.label, step_ns, suite.threads, device)
 
 

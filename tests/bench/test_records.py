@@ -236,5 +236,18 @@ def test_a_job_that_failed_replaces_no_result_and_a_new_file_has_no_old_time(tmp
     assert [job["status"] for job in together("failed", "first").jobs] == ["ok"]
 
 
+def test_a_job_that_was_fitted_again_has_no_time_of_its_former_file(tmp_path):
+    def fitted(sha256):
+        append(tmp_path, job("x", score_key={"sha256": sha256}))
+
+    fitted("1")
+    append(tmp_path, timing("x", 1.0))
+    fitted("1")  # the same file again
+    append(tmp_path, job("x", "failed"))
+    assert len(load_run(tmp_path).timings) == 1
+    fitted("2")
+    assert len(load_run(tmp_path).timings) == 0
+
+
 def test_a_psnr_without_error_counts_as_the_most_that_a_display_shows():
     assert (counted(None), counted(30.0)) == (MOST_DB, 30.0)

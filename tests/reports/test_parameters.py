@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from bench import cli
+from bench.cli.commands.table import _is_of_one_thread
 from bench.compare.frame import gpu_times
 from bench.inputs.errors import InputError
 from bench.records import Run
@@ -34,6 +35,22 @@ def test_a_decoder_has_the_times_of_any_settings_that_leave_it_alike():
     fused = job("neubtf", 3_011, 14, "neubtf steps=9") | {"ns": {"fused": 144.2}}
     table = parameters_table([job("neubtf", 3_011, 14) | {"ns": {"eager": 387.0}}, fused, job("neumip", 3_332, 14)])
     assert [row[-3:] for row in table.rows] == [["387", "144", "251.4 ± 44.8"], ["—"] * 3]
+
+
+def test_the_time_of_a_row_is_that_of_the_job_that_names_it():
+    other = job("neubtf", 3_011, 14, "neubtf texels=2") | {"ns": {"eager": 900.0}}
+    for jobs in ([job("neubtf", 3_011, 14) | {"ns": {"eager": 400.0}}, other], [other]):
+        (row,) = parameters_table(jobs).rows
+        assert row[-3] == ("400" if len(jobs) > 1 else "900")
+
+
+def test_times_of_a_gpu_or_of_two_threads_are_none_of_one_processor_thread():
+    timing = {"device": "cpu", "threads": 1}
+    assert [_is_of_one_thread(timing | more) for more in ({}, {"threads": 2}, {"device": "cuda"})] == [
+        True,
+        False,
+        False,
+    ]
 
 
 def test_a_time_on_a_gpu_stands_beside_the_paper_s_with_the_name_of_the_gpu():

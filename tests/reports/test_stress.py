@@ -58,6 +58,14 @@ def test_a_run_shows_its_own_records(made):
     assert "Extremes" in (made.folder / "report.html").read_text(encoding="utf-8")
 
 
+def test_what_was_tried_on_a_former_version_of_a_codec_is_not_shown_beside_the_newest(made):
+    append(made.folder, record("pca", "constant", "fail", order=1, version=4))
+    append(made.folder, record("pca", "zero", version=5))
+    append(made.folder, record("vq", "constant", order=1))
+    (table,) = stress_tables(load_run(made.folder))
+    assert table.rows == [["data:", "", ""], ["zero", "pass", "—"], ["constant", "—", "pass"]]
+
+
 def test_a_run_without_records_shows_those_beside_it_of_its_codecs_and_versions(made, tmp_path):
     made.job("pca components=8", fit_key={"version": 1})
     assert (stress_tables(load_run(made.folder)), summary(load_run(made.folder))) == ([], "")

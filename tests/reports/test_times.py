@@ -59,3 +59,24 @@ def test_each_device_has_tables_of_its_own():
         run.timings.put(timing["job"], timing | {"ns_per_sample": ns, "limit_ns": ns / 2})
     on_cpu, on_gpu = variant_tables(run, "times")
     assert (on_cpu.rows, on_gpu.rows) == ([["pca", "1,000, 50"]], [["pca", "2.00, 50"]])
+
+
+def setting(label, flops, ratio, **more):
+    """The time of a setting, × floor."""
+    of = {"kind": "timing", "job": setting_name(label, flops), "label": label, "flops": flops}
+    return of | CONDITIONS | {"rounds": [ratio, ratio], "ratio_to_floor": ratio} | more
+
+
+def test_a_setting_that_needs_other_operations_since_has_no_row_of_before(made):
+    for one in (setting("pca", 50, 5.0), setting("neumip", 900, 12.0), setting("neumip", 400, 6.0, run="2")):
+        append(made.folder, one)
+    shown = table_text(made.folder, kind="times")
+    assert ("5.00" in shown, "6.00" in shown, "12.0" in shown) == (True, True, False)
+
+
+def test_times_of_settings_under_other_conditions_have_a_table_of_their_own(made):
+    append(made.folder, setting("pca", 50, 5.0))
+    append(made.folder, setting("neumip", 400, 60.0, device="cuda", gpu="NVIDIA H200", batch=2**20))
+    on_cpu, on_gpu = all_tables(load_run(made.folder), kind="times")
+    assert ([row[0] for row in on_cpu.rows], [row[0] for row in on_gpu.rows]) == (["pca"], ["neumip"])
+    assert ("NVIDIA H200" in on_cpu.title, "NVIDIA H200" in on_gpu.title) == (False, True)

@@ -25,6 +25,7 @@ from bench.cli.commands import several
 from bench.codecs.registry import codec_entries
 from bench.compare.frame import fused_times, gpu_times
 from bench.inputs.errors import FINE, NOTHING, InputError, did_you_mean, visible
+from bench.machine.devices import is_gpu
 from bench.records import FILE, STRESS, Run, Timing, load_together, require
 from bench.runs.suite import load_suite
 from reports import FORMATS, KINDS, WHY_EMPTY, paper_text, parameters_text, table_text
@@ -138,12 +139,20 @@ def _timed_jobs(run: Run, on_gpu: dict[str, Timing]) -> list[TimedJob]:
             continue
         require(job, "tables", run.folder)
         quickest = on_gpu.get(job["label"])
-        times = {"eager": run.timing(job), "fused": fused_by_job.get(job["job"]), "gpu": quickest}
-        timed = cast(TimedJob, {**job, "ns": {key: time["ns_per_sample"] for key, time in times.items() if time}})
+        of_processor = {"eager": run.timing(job), "fused": fused_by_job.get(job["job"])}
+        times = {name: time for name, time in of_processor.items() if time and _is_of_one_thread(time)}
+        if quickest:
+            times["gpu"] = quickest
+        timed = cast(TimedJob, {**job, "ns": {key: time["ns_per_sample"] for key, time in times.items()}})
         if quickest:
             timed["gpu"] = quickest["gpu"]
         jobs.append(timed)
     return jobs
+
+
+def _is_of_one_thread(timing: Timing) -> bool:
+    """Whether a time is of one thread of a processor, as the table says of its times."""
+    return not is_gpu(timing["device"]) and timing["threads"] == 1
 
 
 def _paper_table(folders: list[Path], format: str, chosen: Choice | None, whole: bool) -> str:

@@ -484,8 +484,20 @@ def test_the_table_has_the_choices_that_none_beats_and_all_has_the_others_too(me
     assert others
 
 
+def test_choices_of_two_devices_have_tables_of_their_own(measured, tmp_path):
+    shutil.copytree(measured, tmp_path / "both")
+    for choice in load_run(measured).choices:
+        on_gpu = {"job": f"{choice['job']}/cuda", "device": "cuda", "gpu": "NVIDIA H200"}
+        append(tmp_path / "both", choice | on_gpu)
+    run = load_run(tmp_path / "both")
+    tables = [*trade_tables(run, materials(run))]
+    assert [table.title.rpartition(", on ")[2] for table in tables] == ["cpu", "cuda"]
+    assert len(tables[0].rows) == len(tables[1].rows)
+    assert ["NVIDIA H200" in " ".join(table.notes) for table in tables] == [False, True]
+
+
 def test_a_record_without_any_error_has_no_psnr_and_gains_nothing():
     exact = {"label": "table", "dtype": "float32", "psnr": None, "of": "satin/table/0", "ratio_to_floor": 2.0}
     rows = [exact | {"execution": "eager"}, exact | {"execution": "fused", "from_float32": None}]
-    table = _stability_table("satin", rows, set())
+    table = _stability_table("satin", "", rows, set())
     assert table.values["gained"].tolist() == [0.0]

@@ -17,7 +17,7 @@ from bench.compare.choosing import TIE_DB, Limits, best_rung, choice_in_words, l
 from bench.conformance.check import tiny_btf
 from bench.demand.demand import load as load_demand
 from bench.inputs.errors import InputError
-from bench.records import append, load_run
+from bench.records import MOST_DB, append, load_run
 from tests.bench.demand.scenes import SUN, camera, demand_of, surface
 
 
@@ -76,6 +76,14 @@ def test_textures_on_a_gpu_may_be_limited_and_what_is_not_exported_does_not_coun
 def test_the_psnr_that_decides_and_the_one_shown_are_named():
     words = choice_in_words(row("good", 30.58, 31_388, 227.0) | {"psnr": 31.84})
     assert re.match(r"good: .*30\.58.*validation.*31\.84.*test.*31,388.*227", words)
+
+
+def test_a_file_is_exact_only_if_no_slice_has_an_error():
+    near = row("near", MOST_DB, 1, 1.0) | {"psnr": MOST_DB, "worst": 49.0}
+    exact = row("exact", MOST_DB, 1, 1.0) | {"psnr": None, "worst": None}
+    exact["validation"] = exact["validation"] | {"exact": 9}
+    assert ["exact on" in choice_in_words(each) for each in (near, exact)] == [False, True]
+    assert "exact on validation pairs, exact on test pairs" in choice_in_words(exact)
 
 
 def test_a_wish_that_none_meets_has_a_nearest():
