@@ -68,7 +68,7 @@ def test_a_letter_with_an_accent_does_not_split_a_word_of_a_label():
 @pytest.mark.long
 def test_pdflatex_knows_every_character_of_tables_of_budgets(tmp_path):
     """Beyond ASCII it knows only letters with accents and some signs, without a package."""
-    published = Path(__file__).parents[2] / "docs/results/former.jsonl"
+    published = Path(__file__).parents[2] / "docs/results/budgets.jsonl"
     lines = []  # of few codecs, which is fast
     for line in published.read_text().splitlines(keepends=True):
         record = json.loads(line)
@@ -110,6 +110,6 @@ def test_a_papers_reader_is_sent_to_no_page_command_or_option(made):
         below = text.partition(r"\scriptsize" + "\n")[2].partition("\n\\end{minipage}")[0]
         assert below == kept
     quick = Path(__file__).parents[2] / "docs" / "results"
-    for records in (quick / "quick.jsonl", quick / "former.jsonl", quick / "paper-nearest.jsonl"):
+    for records in (quick / "quick.jsonl", quick / "budgets.jsonl", quick / "paper-nearest.jsonl"):
         text = table_text(records, "latex")
         assert not re.search(r"docs/|(?<!`)`\w|(?<![-\w])--[a-z]", text), records

@@ -35,7 +35,7 @@ OF_ANY_RUN = [draw for kind, draw in figures.ALL.items() if kind not in ("ranks"
 
 @pytest.mark.long
 def test_fronts_hold_what_is_read_off_curves_and_the_rungs_within_times():
-    run = load_run(Path(__file__).parents[3] / "docs/results/former.jsonl")
+    run = load_run(Path(__file__).parents[3] / "docs/results/budgets.jsonl")
     drawn = {figure.kind: figure.drawing for figure in figures.ALL["fronts"](run)}
     rungs = rungs_of(run)
     kind, names = next(iter(rungs.kinds.items()))
