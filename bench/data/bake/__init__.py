@@ -29,15 +29,13 @@ from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, half_a_texel_further, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
-from bench.data.readers.pictures import colour_note, picture_format
 from bench.data.spec import Preparation, Table
 from bench.files import atomic
 from bench.files.atomic import cache_dir
 
 __all__ = ["PathTracer", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise"]
 __all__ += ["size_note", "table"]
-# Increment when all maps are read differently: it stands in every baked file, and so in the fingerprints of published
-# rows. What changes the reading of some maps alone is told by `_read_differently_before`.
+# Increment when maps are read differently: it stands in every baked file, and so in the fingerprints of published rows.
 BAKE_VERSION = 2
 log = logging.getLogger(__name__)
 
@@ -163,30 +161,9 @@ def _cache_key(map_files: MapFiles, size: int, pair_notes: dict[str, Any]) -> st
     `size` is the longer side of the bake in texels; `pair_notes` are those of `_render_to`, and of a path tracer.
     """
     files_digest = FolderFiles(map_files.folder).digest(map_files.files.values())
-    content = [files_digest, sorted(map_files.files.items()), *_read_differently_before(map_files)]
-    described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, size, pair_notes, content])
+    names = sorted(map_files.files.items())
+    described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, size, pair_notes, files_digest, names])
     return hashlib.sha256(described.encode()).hexdigest()
-
-
-def _read_differently_before(map_files: MapFiles) -> list[str]:
-    """Words for the maps that an earlier program with the same `BAKE_VERSION` may have read differently.
-
-    They stand in the key of a bake, so that a bake by such a program is not used, while bakes of all other maps stay
-    valid. The maps are an albedo of another colour space (its `colour_note`), normals in PNG, which may be drawn flat,
-    and normals and heights in EXR or `.hdr` (the role of each).
-    """
-    files = FolderFiles(map_files.folder)
-    formats = {role: picture_format(files.head(name, 8)) for role, name in map_files.files.items()}
-    words = []
-    albedo_note = colour_note(files, map_files.files["albedo"])
-    if albedo_note:
-        words.append(albedo_note)
-    for role in ("normal_gl", "normal_dx", "normal", "displacement", "depth"):
-        is_stored = formats.get(role) in ("exr", "hdr")
-        is_png_normal = role.startswith("normal") and formats.get(role) == "png"
-        if is_stored or is_png_normal:
-            words.append(role)
-    return words
 
 
 def table(surface: Surface) -> str:
