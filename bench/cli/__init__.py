@@ -42,9 +42,8 @@ EVERYDAY = """  neubtf-bench run quick                                 eleven co
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.inputs.errors`.
 
-    Without `argv` it is the program itself, and takes the words of the command line. If a codec then left threads
-    running, the process ends without waiting for them. A character that the terminal's encoding lacks is printed as
-    `?`.
+    Without `argv` it is the program itself, and takes the words of the command line. A character that the terminal's
+    encoding lacks is printed as `?`.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):  # stderr replaces such characters by itself
         sys.stdout.reconfigure(errors="replace")
@@ -57,12 +56,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
     if "torch" not in sys.modules:  # libraries that come with PyTorch check, at the end, whether all is freed
         gc.freeze()  # else Python looks for garbage among all objects as it ends: a seventh of a table's time
-    running = _threads_left()
-    if running:
-        print(f"neubtf-bench: a codec left {', '.join(running)} running; they are ended", file=sys.stderr)
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
     return code
 
 
@@ -71,12 +64,6 @@ class _Visible(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         return visible(record.getMessage())
-
-
-def _threads_left() -> list[str]:
-    """The threads that codecs left running; imports nothing for a command that ran no codec."""
-    encoding = sys.modules.get("bench.codecs.encoding")
-    return encoding.threads_left() if encoding else []
 
 
 def _run(words: list[str]) -> int:

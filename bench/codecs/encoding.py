@@ -1,16 +1,13 @@
 """Fits a codec and writes its file: the one way for a run, a command, a script, a search for a scene, and the checks.
 
-A codec's `encode` may be anyone's code. So its threads are limited and watched, what it changes of the process can be
-restored, and what it does wrong can be turned into one error that names it.
+A codec's `encode` may be anyone's code. So its threads are limited, what it changes of the process can be restored, and
+what it does wrong can be turned into one error that names it.
 """
 
 import inspect
-import os
 import sysconfig
-import threading
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -28,7 +25,6 @@ from bench.machine.threads import processor_seconds, torch_threads
 
 Encode = Callable[[BTF, Fit], Parts]  # a codec's own `encode`, or another that makes the parts of its file
 _STANDARD_LIBRARY = sysconfig.get_path("stdlib")
-_threads_of_codecs: list[threading.Thread] = []  # those that codecs started and did not end
 
 
 class Fitted(NamedTuple):
@@ -72,7 +68,7 @@ def fit_codec(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) ->
     It raises what the codec raises, and what the codec changes of the process stays changed, except for the number of
     threads. The time of a fit that was resumed includes the time before its interruption.
     """
-    with torch_threads(fit.threads), watched_threads():
+    with torch_threads(fit.threads):
         start = processor_seconds()
         parts = (encode or codec.encode)(btf, fit)
         seconds = processor_seconds() - start
@@ -115,29 +111,6 @@ def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
             raise EncodeError(f"codec {codec.name} failed to encode {btf.name}: {what}") from error
 
     return encode_naming_faults
-
-
-@contextmanager
-def watched_threads() -> Iterator[None]:
-    """Remember the threads that this block leaves running: the interpreter would wait for them at its end.
-
-    A process that a codec forks ends with the block: it would go on with the command a second time. Let this be the
-    innermost of several blocks: in a fork, PyTorch may wait for ever for threads that it does not have.
-    """
-    before = set(threading.enumerate())
-    process = os.getpid()
-    try:
-        yield
-    finally:
-        if os.getpid() != process:  # this is a fork that the codec made
-            os._exit(1)
-        new = set(threading.enumerate()) - before
-        _threads_of_codecs.extend(thread for thread in new if not thread.daemon)
-
-
-def threads_left() -> list[str]:
-    """The names of threads that codecs left running, and that still run."""
-    return [thread.name for thread in _threads_of_codecs if thread.is_alive()]
 
 
 def error_in_words(error: BaseException, codec: Codec) -> str:

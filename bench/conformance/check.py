@@ -10,6 +10,7 @@ import math
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from contextlib import chdir
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ from torch import Tensor
 from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
-from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, own_frames, threads_left
+from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, own_frames
 from bench.conformance import counting, emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
 from bench.inputs.errors import InputError, answered
@@ -261,10 +262,12 @@ def counted(tested: CodecUnderTest) -> str | None:
 
 def leaves_the_process(tested: CodecUnderTest) -> None:
     """encoding leaves the process as it was: the working directory, and no thread that runs on"""
+    before = set(threading.enumerate())
     tested.encode("c" + container.SUFFIX)
     if tested.moved_to:
         raise CheckError(f"encode changes the working directory to {tested.moved_to}: give paths instead")
-    running = threads_left()
+    # Python waits at its end for threads that are no daemons.
+    running = [thread.name for thread in threading.enumerate() if thread not in before and not thread.daemon]
     if running:
         raise CheckError(f"encode leaves {', '.join(running)} running: end each thread, or make it a daemon")
 

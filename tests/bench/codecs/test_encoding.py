@@ -16,7 +16,7 @@ from bench import cli
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import loading
-from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, naming_faults, threads_left
+from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, naming_faults
 from bench.conformance.check import leaves_the_process, tiny_btf
 from bench.conformance.verdicts import check
 from bench.inputs.errors import EncodeError, InputError
@@ -100,23 +100,6 @@ def test_the_working_directory_is_restored_and_a_check_says_that_it_was_left(tmp
 
 @pytest.mark.long
 @pytest.mark.usefixtures("decodes_here")
-def test_a_process_that_a_codec_forks_ends_with_its_encode(tmp_path):
-    endings = []
-
-    def forks(self, btf, fit):
-        if (child := os.fork()) == 0:
-            raise ValueError("in the fork")
-        endings.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
-        return MeanColour.encode(self, btf, fit)
-
-    assert fit_to_file(with_encode(forks)(), tiny_btf(), Fit(), tmp_path / "a.nbtf").header.tensors
-    assert [result.failure for result in check(with_encode(forks)()) if result.failure] == []
-    assert len(endings) > 10
-    assert set(endings) == {1}
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("decodes_here")
 def test_a_codec_that_removes_its_working_directory_is_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
@@ -141,13 +124,11 @@ def test_a_thread_that_is_left_running_is_named():
     try:
         said = {result.name: result.failure for result in check(with_encode(lingers)())}
         assert "my-thread" in said[leaves_the_process.__doc__]
-        assert "my-thread" in threads_left()
     finally:
         done.set()
     for thread in threading.enumerate():
         if thread.name == "my-thread":
             thread.join()
-    assert threads_left() == []
 
 
 FAULTY = """
