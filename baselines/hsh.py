@@ -66,11 +66,11 @@ class HSH(Codec):
     @dataclass(frozen=True)
     class Settings:
         recipe: Literal["ours", "paper"] = "ours"  # "paper": plain least squares of the radiance, as RTI has it
-        lights: Bands = 3  # bands of the light, n² harmonics; fewer if there are few lights
+        lights: Bands = 3  # bands of the light: n² harmonics, of `ptm` n (n + 1) / 2 terms; fewer for few lights
         views: Bands = 2  # bands of the view; one, a constant, if there is one view
         domain: Literal["log", "rgb"] = "log"  # fitted quantity: log1p(8 · exposure · x) or x itself
         cosine: bool = True  # fit radiance over the cosine of the light, and multiply by it at decoding
-        smoothness: NotNegative = 3e-5  # weight of (l (l + 1))² on a harmonic of band l, for smoothness between samples
+        smoothness: NotNegative = 3e-5  # weight of (l (l + 1))² on functions of band l, for smoothness between samples
         bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:

@@ -397,7 +397,7 @@ class NeuMIP(Codec):
 
     @dataclass(frozen=True)
     class Settings(PyramidSettings):
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, start, rate, Adam, the authors' blur and loss
         steps: Natural = 10_000  # steps of the fit
         width: Width = 25  # of the decoder's hidden layers
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text

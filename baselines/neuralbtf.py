@@ -37,7 +37,7 @@ PAPER |= {"rate": 1e-3, "latent_rate": 1e-2, "decay": False, "bits": 8, "steps":
 
 
 class NeuralBTF(Codec):
-    """NeuralBTF: a pyramid of latents, an offset behind a gate, spherical harmonics, a network of half a million.
+    """NeuralBTF: a pyramid of latents, an offset behind a gate, and a wide network, as published of half a million.
 
     Code: https://github.com/mandyxmq/NeuralBTF-release
 

@@ -1,7 +1,7 @@
 """Rainer et al., "Neural BTF compression and interpolation" (Computer Graphics Forum 38(2), 2019).
 
 An encoder maps each texel's ABRDF to a few latents, a decoder maps latents and two directions to colour; both are
-fitted together, one pair of networks per material. Only the decoder is stored; it has the published 35,725 parameters.
+fitted together, one pair of networks per material. Only the decoder is stored; as published it has 35,725 parameters.
 Details that no available text confirms are settings or constants here and in `baselines.rainer`, which also says what
 statistics are. With `start=components`, the default, there is no encoder: latents are *free*, numbers that the fit
 changes for themselves. Free latents may also lie on further grids, and be moved along the view; that is no part of the
@@ -32,7 +32,7 @@ from bench.training.stored_texture import Bits, Rounding, load_texture, round_af
 
 
 class Rainer2019(Codec):
-    """Rainer 2019: an encoder from ABRDFs to latents and a wide decoder, one pair of networks a material.
+    """Rainer 2019: latents, as published from an encoder of ABRDFs, and a wide decoder, fitted to each material.
 
     @article{rainer2019neural,
       author = {Rainer, Gilles and Jakob, Wenzel and Ghosh, Abhijeet and Weyrich, Tim},

@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 
 
 class NeuBTF(Codec):
-    """NeuBTF, our recipe: an autoencoder makes the neural texture from a guidance image.
+    """NeuBTF: an autoencoder makes the neural texture from a guidance image; by our recipe, or the paper's.
 
     @article{rodriguezpardo2023neubtf,
       author = {Rodriguez-Pardo, Carlos and Kazatzis, Konstantinos and Lopez-Moreno, Jorge and Garces, Elena},

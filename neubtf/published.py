@@ -2,10 +2,10 @@
 
 Each element of a batch has a random slice as its input and others as its targets, in a window and at a scale of their
 own; only the input is given other colours, blurred and noisy. docs/neubtf.md has what the paper says and leaves open.
-One thing is not as published: the paper's pixels are compared at the target's pair, ours each at a random pair of its
-own, unless `texel_pairs` is 0. A step's elements are read, encoded and rendered at once, because a GPU takes as long
-for one element as for all. On a GPU a long fit also compiles what a step encodes, renders and compares, into graphs of
-kernels that start at once: a step would start 870 kernels otherwise, which takes longer than they run.
+Besides, one thing is not as published: the paper's pixels are compared at the target's pair, ours each at a random pair
+of its own, unless `texel_pairs` is 0. A step's elements are read, encoded and rendered at once, because a GPU takes as
+long for one element as for all. On a GPU a long fit also compiles what a step encodes, renders and compares, into
+graphs of kernels that start at once: a step would start 870 kernels otherwise, which takes longer than they run.
 
 Style and spectrum see linear radiance in the display's range [0, 1], because the paper compresses only the pixel term,
 and because one highlight would otherwise outweigh every Gram matrix and spectrum. Pictures (B, 3, H, W) are periodic.

@@ -1,8 +1,8 @@
 """Relief: the height of the surface, found in the training slices and marched at decoding, under a neural texture.
 
-Every published neural texture blurs a texel over the places where its views saw it. Here a plane sweep first finds the
-height of each texel; latents then belong to surface points, and the network learns only their reflectance. A height
-that fails the test on other views is not written. See docs/relief.md.
+A neural texture whose look-up does not move blurs a texel over the places where its views saw it. Here a plane sweep
+first finds the height of each texel; latents then belong to surface points, and the network learns only their
+reflectance. A height that fails the test on other views is not written. See docs/relief.md.
 
 The material marches the view ray to the surface, or without a height moves the look-up by a small network; fetches
 the latents there, from grids at full, half and quarter resolution; and shades. The network sees ω_o, ω_i and the half

@@ -54,7 +54,7 @@ class Preparation:
     views: Directions = 25
     lights: Directions = 25
     heldout: Annotated[int, Range(0, 100_000)] = 150  # further random pairs, uniform in solid angle up to 75°
-    split: Split = "test"  # held-out pairs: "test", another draw for each seed, or "validation", to choose settings
+    split: Split = "test"  # held-out pairs: "test", or "validation", another draw, to choose settings
     validation: bool = False  # score validation pairs besides test pairs; fits to measured data then exclude them
     low_light: Annotated[int, Range(0, 100_000)] = 0  # further pairs, θ_i of 75° to 89°: scored, but deciding nothing
     between: Annotated[int, Range(0, 100_000)] = 0  # this many held-out pairs are scored between texels, too

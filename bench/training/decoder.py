@@ -1,4 +1,4 @@
-"""The small network of every learned codec, in one class, so that counting, timing and export are written once."""
+"""The small network of most learned codecs, in one class, so that counting, timing and export are written once."""
 
 import math
 from collections.abc import Iterator

@@ -1,10 +1,10 @@
-"""Stores the texture of every codec: each channel in as few bits as matter, which the fit takes into account.
+"""Stores the textures of most codecs: each channel in as few bits as matter, which the fit takes into account.
 
 A channel is one of the numbers of each texel. A code is such a number, rounded to the bits of its channel.
 
 From half of the fit on, a texture is looked up as its file will hold it, and the other parameters adapt to the
 rounding. The bits of each channel are chosen by the error that its rounding adds to the fit; a texture from a codec
-that is not fitted in steps is rounded in the same way at the end. See docs/decisions/0091.
+that is not fitted in steps, or from an autoencoder, is rounded in the same way at the end. See docs/decisions/0091.
 """
 
 import math
