@@ -1,7 +1,6 @@
 """Tables for a paper: some of their codecs, materials and columns, with other names, as options of a command ask for.
 
-`shown_label` is the label as tables have it, which may name the recipe too. A *header* is the name of a column and, on
-a second line, its unit: ("PSNR", "dB ↑ ± seeds").
+A *header* is the name of a column and, on a second line, its unit: ("PSNR", "dB ↑ ± seeds").
 """
 
 import re
@@ -9,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from bench.inputs.errors import InputError, did_you_mean
-from bench.records import Job, Run, planned_jobs, shown_label
+from bench.records import Job, Run, planned_jobs
 from reports.table import OfData, Spread, Table
 
 
@@ -47,7 +46,7 @@ class Choice:
         """
         # Checked for any table, although only the summary uses it: a name with a typing error is always reported.
         if self.against and not any(self.against in _codec_names(job) for job in run.jobs):
-            labels = "; ".join(dict.fromkeys(map(shown_label, run.jobs)))
+            labels = "; ".join(dict.fromkeys(job["label"] for job in run.jobs))
             raise InputError(f"--against {self.against}: this run has no such row: it has {labels}")
         if not (self.codecs or self.materials):
             return run
@@ -81,7 +80,7 @@ class Choice:
             if any(codec in _codec_names(job) for job in jobs):
                 remedy = "choose a material that it was measured on"
                 raise InputError(f"--codec {codec}: this run does not have it on the chosen materials: {remedy}")
-            others = {str(job.get("codec") or job["label"]) for job in jobs} | {shown_label(job) for job in jobs}
+            others = {name for job in jobs for name in _codec_names(job)}
             raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, others)}")
 
     def of_jobs(self, jobs: Sequence[Job]) -> list[Job]:
@@ -187,8 +186,8 @@ class Choice:
 
 
 def _codec_names(job: Job) -> tuple[str, ...]:
-    """The names by which a choice may call the codec of a job: its name, its label, its label in tables."""
-    return str(job.get("codec", "")), str(job.get("label", "")), shown_label(job)
+    """The names by which a choice may call the codec of a job: its name, its label."""
+    return job["codec"], job["label"]
 
 
 def _name_and_unit(header: tuple[str, str]) -> str:

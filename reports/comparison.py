@@ -14,7 +14,7 @@ from bench.compare.comparison import Comparison
 from bench.compare.quantities import MAIN, Quantity
 from bench.compare.rows import ABSENT, ComparedRow
 from bench.compare.verdicts import Change, Verdict
-from bench.records import codec_of, grouped
+from bench.records import grouped
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import Table
 from reports.text import escaped, plain, wrapped
@@ -94,7 +94,7 @@ def _absent_line(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) 
     `present` are all other rows.
     """
     materials = dict.fromkeys(row.material for row in present)
-    codecs = dict.fromkeys(codec_of(row.label) for row in present)
+    codecs = dict.fromkeys(row.codec for row in present)
     options = [f"--material {shlex.quote(name)}" for name in materials]
     options += [f"--codec {shlex.quote(name)}" for name in codecs]
     remedy = f"; to compare what is there: {' '.join(options)}" if options else ""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from bench.records import Job, Run, as_published, codec_of, grouped
+from bench.records import Job, Run, as_published, grouped
 from reports.rows import materials
 from reports.table import Table
 from reports.values import Column, written
@@ -26,6 +26,7 @@ NOTE = (
 class FitCurve(NamedTuple):
     """One job's curve, from its beginning."""
 
+    codec: str
     label: str  # the codec with its settings
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
     direct: float  # share of the steps that NeuBTF's first stage takes, without its autoencoder; 0 without that stage
@@ -52,7 +53,7 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
                 memory = row.job.get("fit_memory", nan)
                 direct = _share_of_direct(row.job)
                 stale = bool(row.values["stale"])
-                curves.append(FitCurve(row.label, points, direct, published, memory, stale))
+                curves.append(FitCurve(row.job["codec"], row.label, points, direct, published, memory, stale))
         if curves:
             by_material[material.name] = curves
     return by_material
@@ -69,7 +70,7 @@ def stages_note(curves: Sequence[FitCurve]) -> str:
     by_share = grouped([fit for fit in curves if fit.direct], lambda fit: fit.direct)
     drops = []
     for share, fits in by_share.items():
-        codecs = dict.fromkeys(codec_of(fit.label) for fit in fits)  # each once
+        codecs = dict.fromkeys(fit.codec for fit in fits)  # each once
         drops.append(f"{', '.join(codecs)}: quality drops after {100 * share:.0f} % of the steps")
     if not drops:
         return ""

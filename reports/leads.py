@@ -6,9 +6,9 @@ A run without validation pairs has no budgets (`reports.rungs`), so its codecs a
 from typing import Any
 
 from bench.compare.paired import AGAINST
-from bench.records import Run, codec_of
+from bench.records import Run
 from reports.of_rungs import in_words
-from reports.ranking import ranked
+from reports.ranking import ranked, with_rank
 from reports.rows import materials
 from reports.rungs import ENOUGH, rungs_of
 
@@ -49,10 +49,12 @@ def _within_budget(run: Run) -> list[str]:
 def _as_measured(run: Run) -> str:
     """A sentence: the best mean PSNR over all materials, and its lead before the best setting of another codec, or that
     both are level; "" unless two codecs were measured on all materials."""
-    ranking = ranked(materials(run))
+    measured = materials(run)
+    ranking = ranked(measured)
+    codec_of_label = with_rank(measured, ranking)
     psnr_of: dict[Any, float] = ranking["psnr"][ranking["rank"].notna()].to_dict()
     best_first = sorted(psnr_of, key=lambda label: -psnr_of[label])
-    others = [label for label in best_first if codec_of(label) != codec_of(best_first[0])]
+    others = [label for label in best_first if codec_of_label[label] != codec_of_label[best_first[0]]]
     if not others:
         return ""
     best, second = best_first[0], others[0]

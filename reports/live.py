@@ -66,7 +66,7 @@ def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[
     for row in filter(None, in_turn):  # None: this material has fewer rows than another
         name = row.job["material"]
         # A model of a scene answers for its scene alone: the PSNR of the whole material does not rank it.
-        key = str(row.job.get("codec")), fitted_to_scene(row.job), name
+        key = row.job["codec"], fitted_to_scene(row.job), name
         if key in live_settings:
             why = f"each codec is live at its highest PSNR alone, {live_settings[key]}"
             by_material[name].missing[row.label] = f"{why}: `neubtf-bench view` shows the file of this one"

@@ -23,7 +23,6 @@ from bench.records import (
     grouped,
     planned_jobs,
     shown_columns,
-    shown_label,
 )
 from reports.numbers import significant
 from reports.rows import MaterialRows, Row
@@ -302,8 +301,8 @@ def missing_note(run: Run) -> str:
 
     A *cell* is a material and a label.
     """
-    done = {(job["material"], shown_label(job)) for job in run.jobs if job["status"] == "ok"}
-    lacking = [(job["material"], shown_label(job)) for job in run.jobs if job["status"] != "ok"]
+    done = {(job["material"], job["label"]) for job in run.jobs if job["status"] == "ok"}
+    lacking = [(job["material"], job["label"]) for job in run.jobs if job["status"] != "ok"]
     lacking += [(material, label) for material, label, _ in not_run(run)]
     without_result = [cell for cell in lacking if cell not in done]
     with_fewer_seeds = [cell for cell in lacking if cell in done]

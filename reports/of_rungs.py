@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from bench.compare.paired import AGAINST
-from bench.records import MOST_DB, Job, Machine, Run, shown_label
+from bench.records import MOST_DB, Job, Machine, Run
 from reports.notes import standard_in_words
 from reports.numbers import NONE, signed
 from reports.rungs import BYTES, EAGER, FIT, LEAST_SURFACES, Budget, Rungs, Summary
@@ -120,7 +120,7 @@ def excluded_notes(run: Run, rungs: Rungs) -> Iterator[str]:
     if rungs.without:
         excluded.append(f"{_counts_by_suite(run, rungs.without)}, without a score of validation pairs")
     if rungs.unlike:
-        rows = list(dict.fromkeys(f"{job['material']}/{shown_label(job)}" for job in rungs.unlike))
+        rows = list(dict.fromkeys(f"{job['material']}/{job['label']}" for job in rungs.unlike))
         first_rows = ", ".join(rows[:_NAMED])
         if len(rows) > _NAMED:
             first_rows += ", …"

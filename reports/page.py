@@ -171,12 +171,12 @@ class Page:
         for label in self._ranking(material):
             if label in labels_with_pictures:
                 row = row_of[label]
-                best_rows.setdefault(str(row.job.get("codec")), row)
+                best_rows.setdefault(row.job["codec"], row)
         if not best_rows:
             return []
         rows = list(best_rows.values())  # the best first
         leaders, others = rows[:LEADERS], rows[LEADERS:]
-        best_own = [row for row in others if is_own(row.label)][:1]  # a list of one row, or of none
+        best_own = [row for row in others if is_own(row.job["codec"])][:1]  # a list of one row, or of none
         pictures: list[Picture] = [("", f"{material.name}, truth")]
         for row in [*leaders, *best_own]:
             psnr = EXACT if row.psnr is None else f"{fixed(row.psnr, 1)} dB"  # None: no slice has an error
@@ -267,8 +267,8 @@ def _what_was_measured(measured: Sequence[MaterialRows]) -> str:
     `measured` has at least one material. The size and the pairs are left out if materials differ in them.
     """
     jobs = [row.job for material in measured for row in material.shown]
-    codecs = {str(job.get("codec")) for job in jobs}
-    settings = {str(job.get("label")) for job in jobs}
+    codecs = {job["codec"] for job in jobs}
+    settings = {job["label"] for job in jobs}
     codecs_in_words = f"{len(codecs)} codec{'s' if len(codecs) > 1 else ''}"
     if len(settings) > len(codecs):
         codecs_in_words += f" at {len(settings)} settings"

@@ -21,7 +21,7 @@ import pandas as pd
 from bench.codecs.alike import stale
 from bench.compare.frame import settings_in
 from bench.metrics import all_exact, mean_over
-from bench.records import FLIP, PSNR, SSIM, Job, Run, Statistics, as_published, codec_of, grouped
+from bench.records import FLIP, PSNR, SSIM, Job, Run, Statistics, as_published, grouped
 from reports.numbers import EXACT, NONE, NOT_APPLICABLE, fixed, signed
 from reports.rows import MaterialRows
 from reports.rows import Row as MaterialRow
@@ -206,7 +206,7 @@ def _full_row(fits: Sequence[Mapping[Any, Any]]) -> dict[str, Any]:
     for fit in fits:
         family = fit["family"]
         row |= {family: fit["why"] if isnan(fit["mean"]) else fit["mean"], f"{family} ±": fit["std"]}
-    row |= _printed(first["paper"] if codec_of(first["label"]) == METHOD else "")  # of other codecs it states none
+    row |= _printed(first["paper"] if first["codec"] == METHOD else "")  # of other codecs it states none
     if first["group"] not in _PUBLISHED_PAIRS:
         row |= dict.fromkeys([f"{family} print" for family in _METRICS], "")
     return row
@@ -240,7 +240,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     nearest = [fit for material in materials if material.name in NEAREST for fit in material.rows]
     fits += [fit for fit in nearest if fit.job.get("run") in starts]
     rows = [_number_of_job(fit, group, family) for fit, group, family in product(fits, _PAIRS, _METRICS)]
-    keys = ["material", "paper", "label", "version", "status", "fitted", "group", "family"]
+    keys = ["material", "paper", "codec", "label", "version", "status", "fitted", "group", "family"]
     frame = pd.DataFrame(rows, columns=[*keys, "by_recipe", "stale", "steps", "size", "why", "mean", "std"])
     numbers = (
         frame.astype({"mean": float, "std": float})
@@ -267,13 +267,14 @@ def _number_of_job(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
     return {
         "material": job["material"],
         "paper": NEAREST.get(job["material"], job["material"]),
+        "codec": job["codec"],
         "label": fit.label,
         "version": job.get("fit_key", {}).get("version", 0),
         "status": job["status"],
         "group": group,
         "family": family,
         "fitted": job.get("pairs", {}).get("train", 0),
-        "by_recipe": job.get("codec") == METHOD and as_published(job),
+        "by_recipe": job["codec"] == METHOD and as_published(job),
         "stale": job["status"] == "ok" and bool(fit.values["stale"]),
         "steps": job.get("settings", {}).get("steps", 0),
         "size": f"{height} × {width}" if height != width else "",  # the paper's are square
@@ -336,11 +337,11 @@ def _ablation_rows(
     """
     unchanged: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
     for job in of_suite:
-        unchanged.setdefault(codec_of(job["label"]), job["label"])
+        unchanged.setdefault(job["codec"], job["label"])
     jobs = [job for job in of_suite if job["status"] == "ok"]
     for label, of_label in grouped(jobs, lambda job: str(job["label"])).items():
         job = of_label[0]
-        unchanged_label = unchanged[codec_of(label)]
+        unchanged_label = unchanged[job["codec"]]
         settings, usual = label.split()[1:], unchanged_label.split()[1:]  # after the codec
         names = {setting.partition("=")[0] for setting in settings}
         changes = [setting for setting in settings if setting not in usual]

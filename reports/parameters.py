@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, cast
 import pandas as pd
 
 from bench.codecs.alike import stale
-from bench.records import Job, as_published, grouped, shown_label
+from bench.records import Job, as_published, grouped
 from reports.choice import Choice
 from reports.numbers import NONE
 from reports.table import Note, Table
@@ -104,7 +104,7 @@ def _values_of_decoder(same_decoder: Sequence[TimedJob], older: Collection[str])
         ns = each.get("ns", {}) | ns
     return {
         "method": paper.method,
-        "codec": shown_label(job),
+        "codec": job["label"],
         "ns paper": paper.ns,
         **_ours_and_published("param.", cast(int, job["parameters"]), paper.parameters),
         **_ours_and_published("channels", job["cost"]["texture_channels"], paper.channels),

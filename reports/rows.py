@@ -24,7 +24,6 @@ from bench.records import (
     grouped,
     metrics_of,
     require,
-    shown_label,
     view,
 )
 
@@ -102,7 +101,7 @@ class CodecRows:
     @property
     def codec(self) -> str:
         """The name of the codec, without settings."""
-        return str(self.rows[0].job.get("codec") or self.label)
+        return self.rows[0].job["codec"]
 
     @property
     def of_scene(self) -> bool:
@@ -217,7 +216,7 @@ def materials(run: Run) -> list[MaterialRows]:
     finished = [job for job in run.jobs if job["status"] == "ok"]
     for job in finished:
         require(job, "tables", run.folder)
-    without_results = frozenset(map(shown_label, run.jobs)) - set(map(shown_label, finished))
+    without_results = frozenset(job["label"] for job in run.jobs) - {job["label"] for job in finished}
     values_by_job = {values["job"]: values for values in values_of(run)}
     by_material = grouped(run.jobs, lambda job: str(job["material"]))
     rows_of = {name: [*_rows_of_material(run, jobs, values_by_job)] for name, jobs in by_material.items()}
@@ -234,7 +233,7 @@ def _rows_of_material(run: Run, jobs: list[Job], values_by_job: Mapping[str, Map
     common = max(timings, key=lambda timing: (counts[timing["run"]], timing["run"]), default=Timing())
     seeds = {job.get("seed") for job in jobs}
     for job in jobs:
-        label = shown_label(job)
+        label = job["label"]
         timing = timing_of.get(job["job"])
         yield Row(
             job,

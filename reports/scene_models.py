@@ -108,4 +108,4 @@ def scene_quality(codec: CodecRows) -> float:
 def _key_without_scene(row: Row) -> str:
     """A text that is the same for rows of the same codec, settings and seed, whether fitted to the scene or not."""
     settings = {key: value for key, value in row.job["settings"].items() if key != "scene"}
-    return json.dumps([row.job.get("codec"), settings, row.job.get("seed")], sort_keys=True)
+    return json.dumps([row.job["codec"], settings, row.job.get("seed")], sort_keys=True)

@@ -76,6 +76,7 @@ def _plots_of_material(run: Run, material: MaterialRows, curves: Sequence[FitCur
     whole = [codec for codec in material.codecs if not codec.of_scene]
     is_crowded = len(whole) > MOST_LINES
     in_crowded_plots = _at_their_best(whole) if is_crowded else whole
+    own = {codec.label for codec in whole if is_own(codec.codec)}
     remark = ", each codec at its best setting" if is_crowded else ""  # in the titles of crowded plots
 
     def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series, note: str = "") -> Plot:
@@ -89,7 +90,7 @@ def _plots_of_material(run: Run, material: MaterialRows, curves: Sequence[FitCur
             "x": x,
             "y": {"label": y},
             # Codecs from outside come last, because what is drawn last is above.
-            "series": sorted(series, key=lambda entry: is_own(entry["label"])),
+            "series": sorted(series, key=lambda entry: entry["label"] in own),
             "missing": [codec.label for codec in expected if codec.label not in labels_with_points],
             "note": note,
         }

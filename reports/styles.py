@@ -1,14 +1,13 @@
 """The colour, marker and line of each codec, the same in every figure; codecs known here keep theirs in every run.
 
-The first word of a label names the codec; a *setting* is one label of a codec. Codecs *from outside* are not of the
-package, so most likely the reader's *own*.
+A *setting* is one label of a codec. Codecs *from outside* are not of the package, so most likely the reader's *own*.
 """
 
 from collections.abc import Collection, Sequence
 from typing import Any
 
 from bench.compare.frame import line_of
-from bench.records import Job, codec_of, shown_label
+from bench.records import Job
 
 # A colour of its own for each codec of the package: any two differ by at least 20 in CIELAB, and each has a contrast of
 # 3 or more on white and on the page's dark paper. Markers tell apart what a reader without one kind of cone, or a grey
@@ -35,26 +34,27 @@ class Styles:
     """One colour and marker a codec, a line for each of its settings; codecs from outside are drawn above others."""
 
     def __init__(self, jobs: Collection[Job]):
-        labels = dict.fromkeys(map(shown_label, jobs))  # each once, in the order of the suite
-        self.outside_codecs = list(dict.fromkeys(codec_of(label) for label in labels if is_own(label)))
-        self.codec_of_line = {line_of(job): codec_of(shown_label(job)) for job in jobs if "label" in job}
-        self.labels_of_codec: dict[str, list[str]] = {}  # by name of codec, each of its settings
-        for label in labels:
-            self.labels_of_codec.setdefault(codec_of(label), []).append(label)
+        self.codec_of: dict[str, str] = {}  # by label, ladder of rates and line of budgets, the name of the codec
+        self.labels_of_codec: dict[str, dict[str, None]] = {}  # each once, in the order of the suite
+        for job in jobs:
+            label, codec = job["label"], job["codec"]
+            self.codec_of |= dict.fromkeys((label, job.get("curve", codec), line_of(job)), codec)
+            self.labels_of_codec.setdefault(codec, {})[label] = None
+        self.outside_codecs = list(filter(is_own, self.labels_of_codec))
 
     def of_codec(self, label: str) -> dict[str, Any]:
         """The keyword arguments by which Matplotlib's `plot` draws a label; markers are hollow at every second setting.
 
-        `label` may also name a ladder of rates, the line through several settings of a codec. Codecs from outside lie
-        in a higher layer, so that they are drawn above others.
+        `label` may also name a ladder of rates, the line through several settings of a codec, or a codec that the run
+        lacks. Codecs from outside lie in a higher layer, so that they are drawn above others.
         """
-        codec = codec_of(label)
-        labels = self.labels_of_codec.get(codec, [])
+        codec = self.codec_of.get(label, label)
+        labels = list(self.labels_of_codec.get(codec, []))
         # A ladder of rates is named after its codec and has no label of its own: it looks like the first setting.
         setting = labels.index(label) if label in labels else 0
         codecs: Sequence[str]
         colours: Sequence[str]
-        if is_own(label):
+        if is_own(codec):
             codecs, colours, layer = self.outside_codecs, OWN, 3
         else:
             codecs, colours, layer = KNOWN, COLOURS, 2
@@ -73,9 +73,9 @@ class Styles:
 
         `KeyError` for a line of which the run has no job.
         """
-        return self.of_codec(self.codec_of_line[line]) | {"linestyle": "-"}
+        return self.of_codec(self.codec_of[line]) | {"linestyle": "-"}
 
 
-def is_own(label: str) -> bool:
-    """Whether the codec of a label is not one of the package, so most likely the reader's own."""
-    return codec_of(label) not in KNOWN
+def is_own(codec: str) -> bool:
+    """Whether a codec is not one of the package, so most likely the reader's own."""
+    return codec not in KNOWN

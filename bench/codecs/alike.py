@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from bench.codecs.registry import codec_entries, current_versions, from_outside
-from bench.records import FitKey, Job, ScoreKey, scored_unlike, shown_label
+from bench.records import FitKey, Job, ScoreKey, scored_unlike
 
 
 def stale(jobs: Iterable[Job]) -> dict[str, str]:
@@ -76,7 +76,7 @@ class _Newest(NamedTuple):
             reasons.append(other_version)
         # The suite's own codecs get a new version if their files change; one's own may change without.
         code = self.codes[row_of(job)]
-        if code and fit_key.get("code") != code and outside(str(job.get("codec"))):
+        if code and fit_key.get("code") != code and outside(job["codec"]):
             reasons.append("fitted by other code of the codec than its newest seed")
         return reasons
 
@@ -101,12 +101,12 @@ def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str,
 
 def _recipe_of(job: Job) -> tuple[str, str]:
     """The codec of a job and its recipe, which may have a version of its own; "" without recipes."""
-    return str(job.get("codec", "")), str(job.get("settings", {}).get("recipe", ""))
+    return job["codec"], str(job.get("settings", {}).get("recipe", ""))
 
 
 def row_of(job: Job) -> tuple[Any, ...]:
     """The row of a table that a job and its other seeds share: material and label."""
-    return job["material"], shown_label(job)
+    return job["material"], job["label"]
 
 
 def _version_differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:

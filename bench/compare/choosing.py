@@ -17,7 +17,6 @@ from bench.records import (
     Job,
     Statistics,
     Timing,
-    codec_of,
     counted,
     deciding_group,
     variant_of,
@@ -128,7 +127,7 @@ def usable_rungs(choices: list[Timing], material: str) -> list[Rung]:
     for row in choices:
         if row["material"] != material or "error" in row:  # one with an error was not measured
             continue
-        if codec_of(row["label"]) == UNCOMPRESSED:
+        if row.get("codec") == UNCOMPRESSED:
             continue
         validation = row.get("validation", {})
         mean = validation.get("mean")  # None if no slice has an error, so that PSNR is infinite

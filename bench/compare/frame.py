@@ -40,7 +40,6 @@ from bench.records import (
     RunStart,
     Timing,
     as_published,
-    codec_of,
     fitted_to_scene,
     flattened,
     grouped,
@@ -96,8 +95,7 @@ def frame_of(run: Run, records: bool = True) -> "pd.DataFrame":
 
 def line_of(job: Job) -> str:
     """The line of a job: its codec's name; a codec as published has its own line."""
-    codec = codec_of(job["label"])
-    return f"{codec}, as published" if as_published(job) else codec
+    return f"{job['codec']}, as published" if as_published(job) else job["codec"]
 
 
 def settings_in(label: str) -> list[str]:
@@ -178,7 +176,7 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
         of_job: _Row = {
             "material": job["material"],
             "surface": surfaces.get(job["material"], ""),
-            "codec": job.get("codec"),
+            "codec": job["codec"],
             "recipe": str(job.get("settings", {}).get("recipe", "")),
             "line": line_of(job),
             "label": job["label"],

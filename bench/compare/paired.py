@@ -26,7 +26,7 @@ from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics import stats_of
 from bench.metrics.psnr import psnr
-from bench.records import MOST_DB, PSNR, Job, Run, counted, deciding_group, grouped, scored_unlike, shown_label, view
+from bench.records import MOST_DB, PSNR, Job, Run, counted, deciding_group, grouped, scored_unlike, view
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 
@@ -78,7 +78,7 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
     Jobs that cannot stand beside the others, such as those on other data than published ones, do not count.
     """
     labels = [first, *others]
-    labels_of_run = dict.fromkeys(map(shown_label, run.jobs))
+    labels_of_run = dict.fromkeys(job["label"] for job in run.jobs)
     for label in labels:
         if label not in labels_of_run:
             raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(labels_of_run)}")
@@ -86,7 +86,7 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
     scored = [job for job in run.jobs if job["status"] == "ok" and "score_key" in job]
     obstacle_of = obstacles(scored, run.published)  # by name of job
     comparable = [job for job in scored if job["job"] not in obstacle_of]
-    return against_jobs(run, first, *(job["job"] for job in comparable if shown_label(job) in labels))
+    return against_jobs(run, first, *(job["job"] for job in comparable if job["label"] in labels))
 
 
 @view
@@ -94,7 +94,7 @@ def against_jobs(run: Run, first: str, *jobs: str) -> Against:
     """As `against`, of jobs given by name that may be compared, those of `first` among them. Kept with the run."""
     chosen = {*jobs}
     job_of_name = {job["job"]: job for job in run.jobs if job["job"] in chosen}
-    jobs_of_label = grouped(job_of_name.values(), shown_label)
+    jobs_of_label = grouped(job_of_name.values(), lambda job: job["label"])
     ours = grouped(jobs_of_label.pop(first, []), itemgetter("material"))
 
     @cache  # those of `first` are compared with those of each other label

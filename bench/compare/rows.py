@@ -75,6 +75,7 @@ class ComparedRow:
 
     material: str
     label: str
+    codec: str
     verdict: Verdict
     why: str = ""
     seeds: tuple[int, ...] = ()  # the seeds that the means are over
@@ -147,12 +148,12 @@ def compare_row(
     `runs` are base and new. A verdict on jobs that failed or vanished precedes that on numbers, which are shown.
     """
     any_job, *_ = [*before, *after]
-    material, label = any_job["material"], any_job["label"]
+    row = any_job["material"], any_job["label"], any_job["codec"]
     finished = [job for job in before if job["status"] == "ok"]
     new = [job for job in after if job["status"] == "ok"]
     unfinished, why = _verdict_on_unfinished(finished, after, declared)  # None and "" unless jobs failed or vanished
     if not finished or not new:
-        return ComparedRow(material, label, unfinished or Verdict.NEW, why)
+        return ComparedRow(*row, unfinished or Verdict.NEW, why)
     # A base may hold seeds of several versions of a codec, or with pairs of their own, as earlier versions of the suite
     # drew them. Those unlike the first tell nothing of its scatter.
     base = [job for job in finished if not why_unlike(finished[0], job)]
@@ -161,13 +162,13 @@ def compare_row(
     changes = [] if obstacle else _changes(runs, ours, theirs, base)
     if not changes:
         reason = why or obstacle or "neither record has a score"
-        return ComparedRow(material, label, unfinished or Verdict.UNLIKE, reason)
+        return ComparedRow(*row, unfinished or Verdict.UNLIKE, reason)
     others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
     settings = other_settings(base[0], new[0])  # "" if they are the same
     notes = [f"settings: {settings}"] if settings else []
     seeds = tuple(job["seed"] for job in theirs)
     verdict = unfinished or gravest_verdict(changes)
-    return ComparedRow(material, label, verdict, why, seeds, changes, others, timing, notes)
+    return ComparedRow(*row, verdict, why, seeds, changes, others, timing, notes)
 
 
 def _why_new_is_mixed(new: list[Job]) -> str:

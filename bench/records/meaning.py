@@ -60,17 +60,8 @@ def planned_jobs(start: RunStart) -> Iterator[PlannedJob]:
     for name in start.get("jobs", []):
         material, _, rest = name.partition("/")
         label, _, seed = rest.rpartition("/")
-        yield PlannedJob(name, material, codec_of(label), label, int(seed) if seed.isdecimal() else None)
-
-
-def codec_of(label: str) -> str:
-    """The name of the codec in a label, which is its first word; settings follow. A blank label as it is."""
-    return label.split(maxsplit=1)[0] if label.strip() else label
-
-
-def shown_label(job: Job) -> str:
-    """The label of a job in tables and figures; the name of a job that has none."""
-    return str(job.get("label", job["job"]))
+        codec, *_ = label.split() or [""]
+        yield PlannedJob(name, material, codec, label, int(seed) if seed.isdecimal() else None)
 
 
 MEASURED, PATH_TRACED, RENDERED = "measured", "path-traced", "rendered"

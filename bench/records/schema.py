@@ -251,7 +251,7 @@ class Job(Open, total=False):
     job: Annotated[Text, PUBLISHED | NAMES | APART]
     run: Annotated[Text, RESULTS | NAMES | APART, Needed("tables"), Needed("verification")]
     material: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
-    codec: Annotated[Name, RESULTS | NAMES | APART, Needed("tables"), Needed("verification")]
+    codec: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
     label: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
     curve: Annotated[Name, RESULTS | NAMES, Needed("verification")]  # of sizes: the label without swept settings
     seed: Annotated[Count, PUBLISHED | NAMES | APART, MUST]

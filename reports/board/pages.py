@@ -8,7 +8,8 @@ methods of `MaterialPage`. For the other words of a board see `reports.board.sou
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from bench.records import codec_of, kind_of, kind_order, pictures_are_free
+from bench.compare.frame import line_of
+from bench.records import kind_of, kind_order, pictures_are_free
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
@@ -19,7 +20,7 @@ from reports.leads import leads
 from reports.live import Live, by_psnr
 from reports.page import Page, Picture, document
 from reports.rows import MaterialRows
-from reports.table import Table
+from reports.table import STALE, Table
 from reports.tables import all_tables
 
 FRONT = "index.html"
@@ -46,9 +47,11 @@ class Board:
         self.installed = codecs
         self.materials_with_pictures: set[str] = set()
         names = set(codecs)
+        self.codec_of: dict[str, str] = {}  # by label and line of budgets, the name of the codec
         for source in self.sources:
             names |= _codec_names(source.materials)
             for job in source.run.jobs:
+                self.codec_of |= dict.fromkeys((job["label"], line_of(job)), job["codec"])
                 if "pictures" in job or "drawing" in job:  # stored slices, or a model that the page draws live
                     self.materials_with_pictures.add(job["material"])
         self.codecs = sorted(names)
@@ -126,7 +129,8 @@ class Board:
 
         Templates call this with a table's material, too, which does not matter here.
         """
-        name = codec_of(label.replace(",", " "))  # a line over budgets is "codec, as …"
+        row = label.removesuffix(STALE)
+        name = self.codec_of.get(row, row)
         return page_name("codec", name) if name in self.codecs else ""
 
     def _codec_page(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
@@ -233,7 +237,7 @@ def _looks(sources: Sequence[Publication], plots: Sequence[series.Plot]) -> seri
 
 def _codec_names(materials: Sequence[MaterialRows]) -> set[str]:
     """The names of the codecs that have a row of some materials."""
-    return {codec_of(row.label) for material in materials for row in material.rows}
+    return {row.job["codec"] for material in materials for row in material.rows}
 
 
 def _front_order(source: Publication) -> tuple[bool, int]:
@@ -279,7 +283,7 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
     describes it; all are shown together under `_FITS`.
     """
     for material, curves in curves_by_material(source.run).items():
-        fits_of_codec = [fit for fit in curves if codec_of(fit.label) == name]  # of all its settings
+        fits_of_codec = [fit for fit in curves if fit.codec == name]  # of all its settings
         if not any(fit.published for fit in fits_of_codec):
             continue
         # By label the points of a line. The axes are logarithmic, so the points at 0 are left out.

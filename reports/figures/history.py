@@ -19,7 +19,7 @@ _QUANTITIES = {
     "bytes of the file": "bytes/total",
     "time a sample, × floor": "timing/ratio_to_floor",
 }
-_COLUMNS = ("material", "label", "job", "status", "split", "started", "git", "bytes/total", "timing/ratio_to_floor")
+_COLUMNS = ("material", "codec", "label", "status", "split", "started", "git", "bytes/total", "timing/ratio_to_floor")
 
 
 def history_figures(frame: pd.DataFrame) -> Iterator[Figure]:
@@ -32,7 +32,7 @@ def history_figures(frame: pd.DataFrame) -> Iterator[Figure]:
     jobs["psnr"] = jobs[_OF_HELDOUT].where(has_heldout, jobs[_OF_ALL])
     jobs["split"] = jobs["split"].astype(object).fillna("")  # the kind of held-out pairs, where the record says it
     # Of all jobs, so that a codec looks alike in every figure.
-    styles = Styles(cast(list[Job], jobs[["job", "label"]].to_dict("records")))
+    styles = Styles(cast(list[Job], jobs[["codec", "label"]].to_dict("records")))
     measured = jobs[jobs["status"] == "ok"]  # others have no numbers
     for material, of_material in measured.groupby("material", sort=False):
         with style():

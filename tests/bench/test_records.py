@@ -10,7 +10,7 @@ from bench import cli
 from bench.inputs.errors import InputError
 from bench.records import FILE, MOST_DB, Run, append, counted, lines, load_run, view
 
-LEAST = {"material": "satin", "label": "pca", "seed": 0}
+LEAST = {"material": "satin", "codec": "pca", "label": "pca", "seed": 0}
 DONE = LEAST | {"status": "ok", "scores": {}, "metrics": {}, "bytes": {"total": 1}, "parameters": 0}
 
 

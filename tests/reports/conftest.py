@@ -52,7 +52,7 @@ class RunMaker:
 
     def unfinished(self, status, error, label="vq", material="satin", run="1"):
         job = {"kind": "job", "job": f"{material}/{label}/0", "run": run, "material": material, "label": label}
-        append(self.folder, job | {"status": status, "error": error, "seed": 0})
+        append(self.folder, job | {"codec": label.split()[0], "status": status, "error": error, "seed": 0})
         return self
 
     def timing(self, label="pca components=8", material="satin", run="1", **changes):

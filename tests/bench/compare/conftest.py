@@ -47,7 +47,7 @@ class Maker:
 
     def unfinished(self, status, label="pca", material="satin", seed=0, error="RuntimeError: no luck"):
         record = {"kind": "job", "job": f"{material}/{label}/{seed}", "run": "1", "material": material}
-        return record | {"label": label, "seed": seed, "status": status, "error": error}
+        return record | {"label": label, "codec": label.split()[0], "seed": seed, "status": status, "error": error}
 
     def timing(self, label="pca", material="satin", seed=0, ns=500.0, spread=5.0, run="1", floor=100.0, **changes):
         record = {"kind": "timing", "job": f"{material}/{label}/{seed}", "run": run, "ns_per_sample": ns}

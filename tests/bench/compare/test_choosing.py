@@ -27,7 +27,7 @@ def test_choices_without_an_error_and_with_validation_pairs_are_rungs():
     }
     good |= {"ratio_to_floor": 2.0, "ratio_interval95": [1.5, 2.4]}
     others = [good | {"error": "none"}, good | {"material": "brick"}, good | {"validation": {"slices": 0}}]
-    others.append(good | {"label": "table"})  # uncompressed
+    others.append(good | {"label": "table", "codec": "table"})  # uncompressed
     assert usable_rungs([*others, good], "satin") == [Rung(9, 30.0, 6.0, good)]
 
 

@@ -78,7 +78,8 @@ def test_a_row_names_its_job_and_has_its_numbers(write):
 
 
 def test_why_a_row_has_no_number_to_show_stands_in_a_column(write):
-    failed = {"kind": "job", "job": "satin/vq/0", "run": "1", "material": "satin", "label": "vq", "seed": 0}
+    failed = {"kind": "job", "job": "satin/vq/0", "run": "1", "material": "satin", "codec": "vq", "label": "vq"}
+    failed |= {"seed": 0}
     failed |= {"status": "failed", "error": "RuntimeError:\n  no luck"}
     other = job("a x=1", score_key={"btf": "other", "exposure": 1.0}, run="0")
     bare = job("hand", "wool")

@@ -46,7 +46,7 @@ def test_a_mean_row_shows_plain_means_and_judges_the_weighted_change():
 def test_the_last_line_agrees_with_the_exit_code():
     def row(verdict, label="pca", **more):
         change = Change(QUANTITY, 30.0, 29.0, verdict)
-        return ComparedRow("satin", label, verdict, deciding=[change], **more)
+        return ComparedRow("satin", label, label, verdict, deciding=[change], **more)
 
     def counts(comparison):
         return re.findall(r"(\d+) (\w+)", comparison.summary)
@@ -56,9 +56,9 @@ def test_the_last_line_agrees_with_the_exit_code():
     same = [("4", "rows"), ("4", "same")]
     assert (worse.exit_code, counts(worse)) == (NO, [*same, ("1", "worse"), ("1", "same")])
     assert counts(Comparison(rows, [], [row(Verdict.SAME)])) == same
-    gone = ComparedRow("satin", "vq", Verdict.GONE, allowed=True)
+    gone = ComparedRow("satin", "vq", "vq", Verdict.GONE, allowed=True)
     assert counts(Comparison([*rows, gone], [])) == [("5", "rows"), ("1", "gone"), ("4", "same"), ("1", "of")]
-    new = Comparison([ComparedRow("satin", "vq", Verdict.NEW)], [])
+    new = Comparison([ComparedRow("satin", "vq", "vq", Verdict.NEW)], [])
     assert (new.exit_code, counts(new)) == (NOTHING, [("1", "rows"), ("1", "new")])
 
 

@@ -282,7 +282,7 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
         {"label": "poor", "psnr": 39.4, "ns_per_sample": 1.0, "bytes": 1},
         {"label": "table", "psnr": 41.0, "ns_per_sample": 10.0, "bytes": 5},  # uncompressed: no choice
     ]
-    rows = [row | {"material": "m", "execution": "eager", "dtype": "float32"} for row in rows]
+    rows = [row | {"material": "m", "codec": row["label"], "execution": "eager", "dtype": "float32"} for row in rows]
     rows = [row | {"ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]} for row in rows]
     rows = [row | {"validation": {"pooled": row["psnr"], "mean": row["psnr"], "slices": 9}} for row in rows]
     best, fastest, smallest = best_choices_in_words(rows, "m")

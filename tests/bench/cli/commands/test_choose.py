@@ -196,8 +196,8 @@ def test_another_file_of_the_same_name_does_not_get_the_answer_of_the_first(tmp_
     monkeypatch.setattr("bench.cli.commands.choose._measured_rungs", lambda *_: (usable_rungs([choice], "m"), []))
     first, other = tmp_path / "first" / "cloth.npz", tmp_path / "other" / "cloth.npz"
     append(tmp_path, {"kind": "run", "run": "1", "materials": [{"name": "cloth.npz", "path": str(first)}]})
-    append(tmp_path, {"kind": "job", "job": "m/pca/0", "material": "m", "label": "pca", "seed": 0, "status": "failed",
-                      "error": "why"})  # fmt: skip
+    failed = {"kind": "job", "job": "m/pca/0", "material": "m", "label": "pca", "codec": "pca", "seed": 0}
+    append(tmp_path, failed | {"status": "failed", "error": "why"})
     words = ["--min-psnr", "30", "--suite", str(suite), "--out", str(tmp_path)]
     assert [cli.main(["choose", str(each), *words]) for each in (first, other)] == [0, 2]
     assert f"cloth.npz was measured there from {first}: give another --out" in capsys.readouterr().err

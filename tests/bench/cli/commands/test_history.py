@@ -28,7 +28,8 @@ def runs(tmp_path):
         append(folder, job)
         timing = {"kind": "timing", "job": job["job"], "run": run, "ns_per_sample": 12.5}
         append(folder, timing | {"interval95_ns": [12.0, 13.0], "samples_ns": [1.0]})
-    failed = {"kind": "job", "job": "satin/vq/0", "run": run, "material": "satin", "label": "vq", "seed": 0}
+    failed = {"kind": "job", "job": "satin/vq/0", "run": run, "material": "satin", "label": "vq", "codec": "vq"}
+    failed |= {"seed": 0}
     append(folder, failed | {"status": "failed", "error": "no luck"})
     return [tmp_path / "run20", tmp_path / "run21"]
 
@@ -49,7 +50,7 @@ def test_many_runs_are_one_frame(runs):
 def test_a_start_is_named_after_its_time_with_or_without_a_fraction_of_a_second(tmp_path):
     for number, run in enumerate(("20251123T093106", "20251123T093106.500000", "1")):
         job = {"kind": "job", "job": f"satin/vq/{number}", "run": run, "material": "satin", "label": "vq"}
-        append(tmp_path, job | {"seed": number, "status": "failed", "error": "no luck"})
+        append(tmp_path, job | {"codec": "vq", "seed": number, "status": "failed", "error": "no luck"})
     start = pd.Timestamp("2025-11-23 09:31:06", tz="UTC")
     assert list(bench.load_runs(tmp_path)["started"]) == [start, start + pd.Timedelta(seconds=0.5), pd.NaT]
 
