@@ -165,7 +165,7 @@ def test_it_comes_near_the_data(name: str, settings: dict[str, Any]) -> None:
     [
         long("hierarchical", {"batch": 64, "patch": 4, "gradient": 0.1}),
         ("neumip", {"batch": 64, "blur": True}),
-        ("rainer2019", {"texels": 2, "pairs": 4, "recipe": "ours"}),
+        long("rainer2019", {"texels": 2, "pairs": 4, "recipe": "ours"}),
         long("rainer2019", {"texels": 2, "pairs": 4, "recipe": "paper"}),
         long("relief", {"batch": 64, "bits": 4}),
     ],

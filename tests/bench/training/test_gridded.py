@@ -15,7 +15,7 @@ from bench.inputs.errors import InputError
 from bench.runs.suite import CodecSpec, changed_settings
 from bench.training import Samples, first_latents, gain_of
 from bench.training.gridded import GriddedMaterial, GriddedNetwork, first_grids
-from tests.tiers import short_for
+from tests.tiers import long, short_for
 
 GRIDS = {"half": 2, "quarter": 3, "offset": 8}
 CODECS = {
@@ -39,9 +39,14 @@ def written(path: Path, codec: Codec) -> tuple[container.Header, Any]:
 
 @pytest.mark.parametrize(
     ("name", "more"),
-    [(name, more) for name in CODECS for more in ({}, {"weights": "int8", "loss": "display"}, {"bits": 32})]
-    + [("triple-plane", {}), ("bcf", {"weights": "int8", "loss": "display"})]
-    + [("neubtf-direct", {"recipe": "paper"}), ("zeltner2024", {"recipe": "paper"}), ("zeltner2024", {"frames": 0})],
+    [
+        *((name, {"weights": "int8", "loss": "display"}) for name in (*CODECS, "bcf")),
+        ("triple-plane", {}),
+        *(long(name, more) for name in CODECS for more in ({}, {"bits": 32})),
+        long("neubtf-direct", {"recipe": "paper"}),
+        long("zeltner2024", {"recipe": "paper"}),
+        long("zeltner2024", {"frames": 0}),
+    ],
 )
 def test_a_file_holds_the_grids_and_answers(tmp_path: Path, name: str, more: dict[str, Any]) -> None:
     header, material = written(tmp_path / "a.nbtf", small(name, **GRIDS | more))
