@@ -5,7 +5,7 @@ Importing takes long, and a metric of another package may fail.
 
 import importlib
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from bench.metrics.base import SliceMetric
@@ -25,7 +25,7 @@ class Metric:
 
     name: str
     unit: str
-    direction: str
+    direction: Literal["higher", "lower"]
     space: str
     version: int
     target: str

@@ -156,8 +156,7 @@ class Run:
     def start_of(self, record: Mapping[str, Any]) -> RunStart:
         """The start that measured a job or a timing: the last one, if it names none; empty if it is not here."""
         name = record.get("run", "")
-        starts = [start for start in self.starts if not name or start.get("run") == name]
-        return starts[-1] if starts else RunStart()
+        return next((start for start in reversed(self.starts) if not name or start.get("run") == name), RunStart())
 
     def machine(self, timing: Timing) -> Machine:
         """The machine on which a timing was taken; empty if it is not known."""

@@ -114,7 +114,7 @@ class MetricFacts(Open, total=False):
     """What tables say of a metric with its numbers."""
 
     unit: Required[Annotated[Text, PUBLISHED]]
-    direction: Required[Annotated[str, Rule("'higher' or 'lower'", ("higher", "lower").__contains__), PUBLISHED]]
+    direction: Required[Annotated[Literal["higher", "lower"], PUBLISHED]]
     space: Annotated[Text, RESULTS]
     version: Required[Annotated[Count, PUBLISHED]]
 

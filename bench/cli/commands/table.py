@@ -27,7 +27,6 @@ from bench.compare.frame import fused_times, gpu_times
 from bench.inputs.errors import FINE, NOTHING, InputError, did_you_mean, visible
 from bench.machine.devices import is_gpu
 from bench.records import FILE, STRESS, Run, Timing, load_together, require
-from bench.runs.suite import load_suite
 from reports import FORMATS, KINDS, WHY_EMPTY, paper_text, parameters_text, table_text
 from reports.choice import Choice, new_names
 from reports.parameters import PUBLISHED, TimedJob
@@ -160,6 +159,8 @@ def _paper_table(folders: list[Path], format: str, chosen: Choice | None, whole:
 
     Without folders it is of runs/paper and runs/paper-nearest, as far as they are there.
     """
+    from bench.runs.suite import load_suite  # which no other table needs
+
     folders = folders or [folder for folder in (Path("runs/paper"), Path("runs/paper-nearest")) if folder.is_dir()]
     # As in the table of parameters, none takes another's place: of other suites, the same names have other data.
     run = load_together(folders, wanted=lambda job: False) if folders else Run(Path())

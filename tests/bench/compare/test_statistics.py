@@ -19,6 +19,7 @@ from bench.compare.statistics import (
     interval_over_surfaces,
     mean_ranks,
     student,
+    student_quantile,
     told_by_holm,
     upper_hull,
 )
@@ -115,6 +116,11 @@ def test_over_surfaces_it_is_a_bootstrap_of_the_median_widened_as_student_s_t_as
     assert (low, high) == pytest.approx(tuple(bootstrap(values, 1 - 2 * tail, np.median)), abs=0.06)
     seeds = RNG(1).normal(size=200)  # of a single surface the seeds alone are drawn
     assert interval_over_surfaces(seeds[None]) == pytest.approx(np.percentile(seeds, [2.5, 97.5]), abs=0.15)
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 9, 19, 500])
+def test_the_quantile_is_student_s(freedom):
+    assert student_quantile(freedom) == pytest.approx(stats.t.ppf(0.975, freedom), rel=1e-6)
 
 
 def test_the_interval_holds_the_truth_of_ten_surfaces_in_19_of_20_cases():
