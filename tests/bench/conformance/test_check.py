@@ -46,9 +46,10 @@ def test_our_codecs_keep_every_promise(name, monkeypatch):
 
 
 def failures(codec, monkeypatch):
-    """The checks that a codec named mean-colour fails: here its files decode with it, in a fresh process with ours."""
+    """The checks that a codec named mean-colour fails, as they come: here its files decode with it, in a fresh process
+    with ours."""
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
-    return {result.name: result.failure for result in check(codec()) if result.failure}
+    return (result for result in check(codec()) if result.failure)
 
 
 class Broken(MeanColour):
@@ -125,14 +126,12 @@ class Remembers(Codec):
 )
 @pytest.mark.usefixtures("decodes_here")
 def test_a_broken_codec_is_caught(codec, promise, monkeypatch):
-    failed = failures(codec, monkeypatch)
-    assert any(promise in f"{name}: {why}" for name, why in failed.items()), failed
+    assert any(promise in f"{failed.name}: {failed.failure}" for failed in failures(codec, monkeypatch))
 
 
 @pytest.mark.long
 def test_a_codec_that_needs_the_process_of_its_fit_is_caught(monkeypatch):
-    failed = failures(Remembers, monkeypatch)
-    assert any("fresh process" in f"{name}: {why}" for name, why in failed.items()), failed
+    assert any("fresh process" in failed.name for failed in failures(Remembers, monkeypatch))
 
 
 def with_method(name, does):
@@ -207,7 +206,7 @@ def quits(self, btf, fit):
 )
 @pytest.mark.usefixtures("decodes_here")
 def test_faults_of_parameters_and_of_what_encode_does_are_named(codec, says, monkeypatch):
-    assert any(says in why for why in failures(codec, monkeypatch).values())
+    assert any(says in failed.failure for failed in failures(codec, monkeypatch))
 
 
 class Slow(MeanColour):
@@ -231,7 +230,7 @@ def test_a_codec_that_learns_slowly_is_told_once_how_to_give_it_more_steps(tmp_p
     hinted = [name for name, why in failed.items() if "40 steps" in why]
     assert len(hinted) == 1, failed
     assert failed[hinted[0]].endswith("--set steps=400")
-    assert not any("--set steps" in why for why in failures(holds(), monkeypatch).values())  # it has no steps
+    assert not any("--set steps" in failed.failure for failed in failures(holds(), monkeypatch))  # it has no steps
 
 
 class Raises(MeanColour):
@@ -266,8 +265,8 @@ def untold(self, parts, device):
 )
 @pytest.mark.usefixtures("decodes_here")
 def test_a_decoder_that_leaves_a_tensor_on_the_cpu_is_told_its_name(codec, says, monkeypatch, gpu):
-    (message,) = failures(codec, monkeypatch).values()
-    assert message.startswith(says)
+    (failed,) = failures(codec, monkeypatch)
+    assert failed.failure.startswith(says)
 
 
 TINT = torch.full((3,), 1.0)
@@ -290,9 +289,9 @@ def fits_with_a_variable(self, btf, fit):
 )
 @pytest.mark.usefixtures("decodes_here")
 def test_a_tensor_that_meets_the_gpus_on_the_cpu_is_named_with_the_authors_line(codec, name, monkeypatch, gpu):
-    (message,) = failures(codec, monkeypatch).values()
-    assert message.startswith(f"`{name}` ")
-    assert f"{__file__}:" in message
+    (failed,) = failures(codec, monkeypatch)
+    assert failed.failure.startswith(f"`{name}` ")
+    assert f"{__file__}:" in failed.failure
 
 
 @pytest.mark.long
@@ -362,7 +361,8 @@ MISTAKES = [
 @pytest.mark.parametrize(("name", "method", "says"), MISTAKES)
 def test_a_first_mistake_names_the_method_its_line_and_the_remedy(name, method, says, monkeypatch):
     material = type("Faulty", (MeanColourMaterial,), {name: method})
-    (message,) = failures(broken(material) if name == "evaluate" else with_method(name, method), monkeypatch).values()
+    (failed,) = failures(broken(material) if name == "evaluate" else with_method(name, method), monkeypatch)
+    message = failed.failure
     code = method.__code__
     assert message.startswith(f"{method.__qualname__} ({__file__}:{code.co_firstlineno}) returned ")
     assert re.search(says, message), message
