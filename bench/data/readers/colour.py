@@ -14,16 +14,16 @@ chromaticities, EXR also by the name of a space. Colours outside the gamut stay 
 import io
 import struct
 import warnings
-import zlib
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
 
 from bench.btf import Array
 from bench.data.readers import exr, radiance
-from bench.data.readers.orientation import before_pixels, exif
+from bench.data.readers.orientation import exif, png_chunks
 from bench.inputs.errors import InputError
 
 # Chromaticities: x and y of red, green, blue and white.
@@ -56,7 +56,6 @@ _NAMES_NO_PRIMARIES = ("", "data", "raw", "unknown", "linear", "scenelinear")
 _EXR_IGNORED = ("whiteLuminance", "adoptedNeutral")
 # From CIE XYZ to the responses of three cones, in which one white is adapted to another.
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-_MOST_PROFILE = 16 << 20  # bytes of a profile that are inflated at most
 # EXIF tags: of the two tables that are looked at, and of the colour space in the first.
 _EXIF_IFD, _INTEROP_IFD, _COLOUR_SPACE = 0x8769, 0xA005, 0xA001
 
@@ -88,24 +87,13 @@ class Colour:
         return np.asarray(light, np.float32)
 
 
-def stated_colour(data: bytes, kind: str, label: str) -> tuple[Colour | None, list[str]]:
-    """The colour space of a picture of format `kind` from the bytes before its pixels, and what it says of colour that
-    is ignored; None for sRGB, and for linear Rec. 709 in EXR and Radiance.
+def by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
+    """The colour space of an EXR from the bytes of its header, None for linear Rec. 709, and the attributes of colour
+    that are ignored.
 
-    `InputError`, which names the picture by `label`, for a space that cannot be converted.
-    """
-    if kind == "exr":
-        return _by_attributes(data, label)
-    if kind == "hdr":
-        return _by_radiance(data, label)
-    return _of_codes(data, kind, label), []
-
-
-def _by_attributes(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
-    """The space of an EXR, and the attributes that are ignored, as `stated_colour` has them.
-
-    By the Color Interop Forum colorInteropID supersedes chromaticities. Of the others none goes before another, so a
-    contradiction is an `InputError`.
+    `InputError`, which names the picture by `label`, for a space that cannot be converted. By the Color Interop Forum
+    colorInteropID supersedes chromaticities. Of the others none goes before another, so a contradiction is an
+    `InputError`, too.
     """
     attributes, _ = exr.attributes_of(data, label)
     if attributes is None or exr.channels_to_read(attributes, label) == ("X", "Y", "Z"):
@@ -151,8 +139,8 @@ def _primaries_of(space: str, label: str) -> tuple[float, ...] | None:
     return _LINEAR[key]
 
 
-def _by_radiance(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
-    """The primaries of a Radiance picture, and the lines that are ignored, as `stated_colour` has them.
+def by_radiance(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
+    """The primaries of a Radiance picture, and the lines that are ignored, as `by_attributes` has them.
 
     A correction of colours is named with them; it is undone where the picture is read.
     """
@@ -173,36 +161,29 @@ def _by_radiance(data: bytes, label: str) -> tuple[Colour | None, list[str]]:
     return Colour(" and ".join(used), chromaticities=chromaticities), header.ignored
 
 
-def _of_codes(data: bytes, kind: str, label: str) -> Colour | None:
-    """The space of a JPEG or PNG (`kind`) from the bytes before its pixels; None for sRGB."""
-    parts = list(before_pixels(data))
-    chunks = dict(parts) if kind == "png" else {}
+def of_codes(picture: Any, data: bytes, label: str) -> Colour | None:
+    """The colour space of a JPEG or PNG, None for sRGB; `data` are the bytes of it that Pillow's image `picture` is of.
+
+    `InputError`, which names the picture by `label`, for a space that cannot be converted.
+    """
+    chunks: dict[bytes, bytes] = {}
+    # Pillow does not tell cICP, and does not tell the other chunks from texts of the same names.
+    if picture.format == "PNG":
+        chunks = dict(takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data)))
     # cICP comes before a profile, a profile before sRGB, and that before gAMA and cHRM. EXIF counts without these.
     if b"cICP" in chunks:
         return _by_number(chunks[b"cICP"], label)
-    profile = _jpeg_profile(parts) if kind == "jpeg" else _png_profile(chunks)
+    profile = picture.info.get("icc_profile", b"")
+    is_behind_size = bool(getattr(picture, "icclist", []))  # Pillow applies none that stands there in a JPEG
+    if not isinstance(profile, bytes) or is_behind_size:
+        raise InputError(f"{label}: its ICC profile is damaged or stands at a wrong place: save it as sRGB")
     if profile:
         return _by_profile(profile, label)
     if b"sRGB" in chunks:
         return None
     if {b"gAMA", b"cHRM"} & set(chunks):
         return _by_chunks(chunks, label)
-    return _by_exif(data)
-
-
-def _png_profile(chunks: dict[bytes, bytes]) -> bytes:
-    """The ICC profile among the chunks of a PNG, by name; empty without one."""
-    _, _, after_name = chunks.get(b"iCCP", b"").partition(b"\0")
-    packed = after_name[1:]  # its first byte is the method of compression
-    return zlib.decompressobj().decompress(packed, _MOST_PROFILE)
-
-
-def _jpeg_profile(parts: list[tuple[bytes, bytes]]) -> bytes:
-    """The ICC profile in the segments of a JPEG, (marker, content) each (ICC.1:2010, B.4); empty without one."""
-    mark = b"ICC_PROFILE\0"
-    # After the mark come the number of a part of the profile and the number of all parts, one byte each.
-    contents = [content for marker, content in parts if marker == b"\xe2" and content.startswith(mark)]
-    return b"".join(content[len(mark) + 2 :] for content in sorted(contents))  # by the numbers
+    return _by_exif(picture)
 
 
 def _by_profile(profile: bytes, label: str) -> Colour | None:
@@ -289,13 +270,13 @@ def _refuse_flat(chromaticities: tuple[float, ...], label: str, field: str) -> N
         raise InputError(f"{label}: the primaries of its {field} span no colours: save it without")
 
 
-def _by_exif(data: bytes) -> Colour | None:
+def _by_exif(picture: Any) -> Colour | None:
     """Adobe RGB, if the camera's notes in a JPEG or PNG say so; else None, which is sRGB.
 
     By DCF 2.0 the interoperability index R03 says it; some cameras write the colour space 2 instead. Colour space 1 is
     sRGB, whatever the index.
     """
-    notes = exif(data)
+    notes = exif(picture)
     if notes is None:
         return None
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""What stands in a JPEG or PNG before its pixels, and the orientation that a camera noted (EXIF, XMP).
+"""The header of a JPEG or PNG, which Pillow reads, and the orientation that a camera noted (EXIF, XMP).
 
 A camera that lies on its side stores the picture turned, and notes how. A picture is read as it is shown, upright, not
 as it is stored.
@@ -8,15 +8,14 @@ import io
 import struct
 import warnings
 from collections.abc import Callable, Iterator
-from itertools import takewhile
 from typing import Any
 
 import numpy as np
 
 from bench.btf import Array
+from bench.files.atomic import PNG
 
 TAG = 0x0112  # the EXIF note of the orientation (CIPA DC-008, 4.6.4 A): from 1, upright, to 8
-PNG_START = 8  # bytes of the signature of a PNG; its chunks follow
 
 # Orientation → the function from the stored picture (H, W, …) to the upright one.
 _TURNS: dict[int, Callable[[Array], Array]] = {
@@ -30,9 +29,30 @@ _TURNS: dict[int, Callable[[Array], Array]] = {
 }
 
 
-def orientation(data: bytes) -> int:
-    """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 without a valid note."""
-    return _stated_orientation(exif(data))
+def pillow_image(data: bytes) -> Any:
+    """A JPEG or PNG as an image of Pillow, from its first bytes at least: its header is read, no pixel is decoded yet.
+
+    `ValueError` if the data end before the pixels. Damaged data, and kinds that Pillow does not read, raise many types.
+    """
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+
+    # `PIL.Image.open` would hide why a picture cannot be read, and look for further pictures in a JPEG.
+    kind = PngImageFile if data.startswith(PNG) else JpegImageFile
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns of what it passes over
+        picture = kind(io.BytesIO(data))
+    if not picture.tile:  # where the pixels are
+        raise ValueError("it ends before its pixels")
+    return picture
+
+
+def orientation(picture: Any) -> int:
+    """The orientation, 1 to 8, that is noted in a JPEG or PNG before its pixels; 1 without a valid note.
+
+    `picture` is an image of `pillow_image`, as in all functions here.
+    """
+    return _stated_orientation(exif(picture))
 
 
 def late_orientation(data: bytes) -> int:
@@ -41,7 +61,7 @@ def late_orientation(data: bytes) -> int:
     late = names[names.index(b"IDAT") :] if b"IDAT" in names else []
     if not {b"eXIf", b"tEXt", b"zTXt", b"iTXt"} & set(late):
         return 1
-    return _stated_orientation(exif(data, is_whole=True))
+    return _stated_orientation(exif(pillow_image(data), is_whole=True))
 
 
 def _stated_orientation(notes: Any) -> int:
@@ -52,19 +72,18 @@ def _stated_orientation(notes: Any) -> int:
     return 1
 
 
-def exif(data: bytes, is_whole: bool = False) -> Any:
+def exif(picture: Any, is_whole: bool = False) -> Any:
     """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif` (tag → value); empty if it has none, None if they, or the
-    picture, are damaged.
+    pixels before them, are damaged.
 
-    Without `is_whole` only the bytes before the pixels are needed. Pillow finds the notes: in a segment or chunk of
-    EXIF, in a PNG's text, and the orientation in XMP.
+    Without `is_whole` only those before the pixels count. Pillow finds the notes: in a segment or chunk of EXIF, in a
+    PNG's text, and the orientation in XMP.
     """
     from PIL import Image
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of damaged notes, which are no fault of the picture
         try:
-            picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
             # A PNG's own method decodes the pixels first, to reach what stands behind them.
             notes = picture.getexif() if is_whole else Image.Image.getexif(picture)
             notes.get(TAG)  # damaged values raise when they are read
@@ -88,33 +107,9 @@ def upright_size(size: tuple[int, int], turn: int) -> tuple[int, int]:
     return size[::-1] if turn >= 5 else size
 
 
-def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """(name, content) of the parts of a PNG or JPEG before its pixels, as far as the data contain them.
-
-    The parts of a PNG are chunks, with a name of four bytes; those of a JPEG are segments (ITU T.81, B.1.1), with a
-    marker of one byte as the name.
-    """
-    if not data.startswith(b"\xff\xd8"):  # how a JPEG begins; so it is a PNG
-        yield from takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data))
-        return
-    offset = 2  # behind these two bytes
-    # A segment is 0xFF, its marker, its size (two bytes, which count themselves) and its content; further 0xFF may
-    # stand before the marker.
-    while offset + 4 <= len(data) and data[offset] == 0xFF:
-        marker = data[offset + 1]
-        if marker in (0xDA, 0xD9):  # the pixels, the end of the picture
-            return
-        if marker == 0xFF:  # fills up
-            offset += 1
-            continue
-        (size,) = struct.unpack_from(">H", data, offset + 2)
-        yield data[offset + 1 : offset + 2], data[offset + 4 : offset + 2 + size]
-        offset += 2 + max(2, size)  # a damaged size below 2 still moves on
-
-
 def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     """(name, content) of the chunks of a PNG in their order, as far as the data contain them; the last may be cut."""
-    offset = PNG_START
+    offset = len(PNG)
     # A chunk is the size of its content, its name, its content and a checksum; all but the content have 4 bytes.
     while offset + 8 <= len(data):
         size, name = struct.unpack_from(">I4s", data, offset)

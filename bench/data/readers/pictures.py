@@ -5,12 +5,10 @@ so thousands of pictures are checked in a second, and an absurd size is refused 
 
 JPEG and PNG hold *codes*: whole numbers, from which a curve gives linear values in [0, 1]. EXR and Radiance hold the
 values themselves. A JPEG, PNG or Radiance picture may be stored turned; *upright* is a picture as it is shown. `label`
-is the name of a file in errors. A header function gives None for data that end before the header does: its caller then
-reads more.
+is the name of a file in errors.
 """
 
 import hashlib
-import io
 import struct
 import warnings
 import zlib
@@ -18,14 +16,22 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from bench.btf import Array, Source, finite
 from bench.data.readers import exr, radiance
-from bench.data.readers.colour import Colour, srgb_by_profile, stated_colour
+from bench.data.readers.colour import Colour, by_attributes, by_radiance, of_codes, srgb_by_profile
 from bench.data.readers.files import HEAD, Files, FolderFiles
-from bench.data.readers.orientation import late_orientation, orientation, png_chunks, upright, upright_size
+from bench.data.readers.orientation import (
+    late_orientation,
+    orientation,
+    pillow_image,
+    png_chunks,
+    upright,
+    upright_size,
+)
 from bench.files.atomic import PNG
 from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
@@ -35,9 +41,8 @@ PIXELS_PER_BYTE = 8192  # the most that a byte of a file may claim
 PNG_BITS = 24  # offset of the byte in a PNG that holds the bits a channel
 _STARTS = {b"\xff\xd8\xff": "jpeg", PNG: "png", b"\x76\x2f\x31\x01": "exr", b"#?": "hdr"}
 SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
-# The kinds of JPEG that are read, by the marker of the frame header, which holds the size: baseline, extended and
-# progressive, then extended and progressive with arithmetic coding.
-_DECODED = (0xC0, 0xC1, 0xC2, 0xC9, 0xCA)
+# The markers of lossless and hierarchical JPEG, which are not read (ITU T.81, table B.1).
+_UNREAD_JPEG = {0xC3, 0xC5, 0xC6, 0xC7, 0xCB, 0xCD, 0xCE, 0xCF, 0xDE}
 _DAMAGED = "the picture is damaged; get it again"
 
 
@@ -81,38 +86,85 @@ def _header(files: Files, name: str, is_colour: bool = True, rgb_is_xyz: bool = 
     the start of the file, or all of it if the header is long. `InputError` for a file that is no supported picture, is
     damaged, claims an absurd size, or states a colour space that cannot be converted.
     """
+    head = files.head(name, HEAD)
+    kind = picture_format(head)
+    if kind in ("jpeg", "png"):
+        return _header_of_codes(files, name, kind, head, is_colour)
+    if kind in ("exr", "hdr"):
+        return _header_of_light(files, name, kind, head, is_colour and not (rgb_is_xyz and kind == "exr"))
+    raise InputError(f"{files.label(name)}: it begins with {head[:8]!r}, like no known picture: {SUPPORTED}")
+
+
+def _header_of_codes(files: Files, name: str, kind: str, data: bytes, is_colour: bool) -> _Header:
+    """As `_header`, of a JPEG or PNG that begins with `data`."""
+    label = files.label(name)
+    with readable(label, "get it again, or save it as PNG of 8 or 16 bits a channel"):
+        try:
+            picture = pillow_image(data)
+        except Exception:  # of many types; a long header, as with a large colour profile, may go on behind the data
+            data = files.read(name)
+            picture = pillow_image(data)
+        if kind == "jpeg":
+            _refuse_unread_jpeg(picture, data, label)
+        width, height = picture.size
+        _refuse_absurd(height, width, files.size(name), label)
+        turn = orientation(picture)
+        colour = of_codes(picture, data, label) if is_colour else None
+    # Profiles are applied by a library that takes 8 bits (`bench.data.readers.colour`).
+    if colour and colour.profile and kind == "png" and data[PNG_BITS] == 16:
+        fault = f"{colour.name} in 16 bits is not converted"
+        raise InputError(f"{label}: {fault}: save it as 16-bit sRGB, or as linear EXR")
+    return _Header(kind, upright_size((height, width), turn), turn, colour, [])
+
+
+def _refuse_unread_jpeg(picture: Any, data: bytes, label: str) -> None:
+    """Raise an `InputError` for a JPEG in CMYK, without loss or hierarchical, or with bytes between its segments.
+
+    Pillow passes over such bytes, which show that the header is damaged, and does not tell the kind of JPEG. So the
+    segments in the bytes `data` of its image `picture` are counted off.
+    """
+    if picture.layers == 4:
+        raise InputError(f"{label}: this JPEG has 4 channels (CMYK?): save it as RGB")
+    offset = 2  # after the marker of the start
+    # A segment is 0xFF, its marker and its length, two bytes, which count themselves and the content.
+    while offset < picture.fp.tell():  # the end of the header
+        if data[offset] != 0xFF:
+            fault = f"there is no JPEG marker at offset {offset}"
+            raise InputError(f"{label}: {fault}: {_DAMAGED}")
+        marker, length = struct.unpack_from(">BH", data, offset + 1)
+        if marker == 0xFF:  # fills up
+            offset += 1
+            continue
+        if marker in _UNREAD_JPEG:
+            raise InputError(f"{label}: this JPEG is lossless or hierarchical, which is not read: save it as PNG")
+        offset += 2 + length
+
+
+def _header_of_light(files: Files, name: str, kind: str, data: bytes, is_colour: bool) -> _Header:
+    """As `_header`, of an EXR or Radiance picture that begins with `data`."""
     label = files.label(name)
     file_bytes = files.size(name)
-    data = files.head(name, HEAD)
-    kind = picture_format(data)
-    if kind is None:
-        raise InputError(f"{label}: it begins with {data[:8]!r}, like no known picture: {SUPPORTED}")
+    size_of, colour_of = (exr.size, by_attributes) if kind == "exr" else (radiance.size, by_radiance)
     with readable(label, _DAMAGED):
-        stored_size = _SIZES[kind](data, label)
-        if not stored_size and len(data) < file_bytes:  # a long header, as with a large colour profile
+        size = size_of(data, label)
+        if not size and len(data) < file_bytes:  # a long header
             data = files.read(name)
-            stored_size = _SIZES[kind](data, label)
-    if not stored_size:
-        raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
-    height, width = stored_size
+            size = size_of(data, label)
+        if not size:
+            raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
+        _refuse_absurd(*size, file_bytes, label)
+        colour, ignored = colour_of(data, label) if is_colour else (None, [])
+    return _Header(kind, size, 1, colour, ignored)
+
+
+def _refuse_absurd(height: int, width: int, file_bytes: int, label: str) -> None:
+    """Raise an `InputError` for pixels that a file of `file_bytes` cannot hold, or that are too many."""
     # A false size would reserve memory that the file can never fill.
-    if min(stored_size) < 1 or height * width > PIXELS_PER_BYTE * file_bytes:
+    if min(height, width) < 1 or height * width > PIXELS_PER_BYTE * file_bytes:
         fault = f"its header says {width} x {height} pixels, but it has {file_bytes} bytes"
         raise InputError(f"{label}: {fault}: get it again")
     if height * width > MAX_PIXELS:
         raise InputError(f"{label}: {width} x {height} pixels are more than {MAX_PIXELS:,}: save it smaller")
-    colour: Colour | None = None
-    ignored: list[str] = []
-    with readable(label, _DAMAGED):
-        turn = orientation(data) if kind in ("jpeg", "png") else 1
-        if is_colour and not (rgb_is_xyz and kind == "exr"):
-            colour, ignored = stated_colour(data, kind, label)
-        has_16_bits = kind == "png" and data[PNG_BITS] == 16
-    # Profiles are applied by a library that takes 8 bits (`bench.data.readers.colour`).
-    if colour and colour.profile and has_16_bits:
-        fault = f"{colour.name} in 16 bits is not converted"
-        raise InputError(f"{label}: {fault}: save it as 16-bit sRGB, or as linear EXR")
-    return _Header(kind, upright_size(stored_size, turn), turn, colour, ignored)
 
 
 def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour: bool = True) -> Array:
@@ -154,11 +206,9 @@ def read_alpha(files: Files, name: str) -> Array:
     if header.kind != "png":
         raise no_alpha
     with readable(label, _DAMAGED):
-        from PIL import Image
-
         data = files.read(name)
         _refuse_late_orientation(data, header, label)
-        picture = Image.open(io.BytesIO(data), formats=["PNG"])
+        picture = pillow_image(data)
         # A PNG has alpha as a channel, or as transparent colours. Without a palette, Pillow compares these with codes
         # that it scaled to 8 bits, and so finds none of them in pictures of 2, 4 or 16 bits.
         is_compared = picture.mode in ("1", "P") or data[PNG_BITS] == 8
@@ -255,69 +305,6 @@ def _refuse_missing(files: Files, name: str, label: str) -> None:
     raise InputError(f"{label}: {name} is missing: {remedy}")
 
 
-def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before the pixels begin.
-
-    It looks through the segments in order: each begins with 0xFF and its marker. The camera's notes and the colour
-    space may stand behind the frame header. `InputError` for a JPEG that is not read.
-    """
-    size = None
-    offset = 2  # after the marker of the start
-    # The part of a frame header that is read has 10 bytes: marker 2, length 2, bits 1, height 2, width 2, channels 1.
-    while offset + 10 <= len(data):
-        if data[offset] != 0xFF:
-            raise InputError(
-                f"{label}: there is no JPEG marker at offset {offset}: the picture is damaged; get it again"
-            )
-        marker = data[offset + 1]
-        # 0xFF fills up; 0x01 and 0xD0 to 0xD8 have no content; 0xC0 to 0xCF begin frames, but 0xC4, 0xC8 and 0xCC are
-        # none; all others have a content of stated length, which is passed over.
-        if marker == 0xFF:
-            offset += 1
-            continue
-        if marker == 0x01 or 0xD0 <= marker <= 0xD8:
-            offset += 2
-            continue
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            # Two bytes of the marker and two of the length come first.
-            bits, height, width, channels = struct.unpack_from(">BHHB", data, offset + 4)
-            _refuse_unread_jpeg(marker, bits, channels, label)
-            size = height, width
-        (length,) = struct.unpack_from(">H", data, offset + 2)
-        offset += 2 + max(2, length)  # a damaged length below 2 still moves on
-        if marker == 0xDA and offset <= len(data):  # the pixels follow
-            return size
-    return None
-
-
-def _refuse_unread_jpeg(marker: int, bits: int, channels: int, label: str) -> None:
-    """Raise an `InputError` for a JPEG that cannot be read, by what its frame says: its marker, and the bits and number
-    of its channels."""
-    if marker not in _DECODED:
-        raise InputError(f"{label}: this JPEG is lossless or hierarchical, which is not read: save it as PNG")
-    if bits != 8:
-        raise InputError(f"{label}: this JPEG has {bits} bits a channel: save it with 8 bits, or as 16-bit PNG")
-    if channels not in (1, 3):
-        raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
-
-
-def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the header of a PNG; None if the data end before the pixels begin.
-
-    The size stands at the very start, but the caller also needs the camera's notes and the colour space, which stand
-    before the pixels. After None it reads more of the file.
-    """
-    # The first chunk begins at byte 8 with its size; its name follows, and then the picture's width and height.
-    if data[12:16] != b"IHDR":
-        raise InputError(f"{label}: this PNG has no header: the picture is damaged; get it again")
-    width, height = struct.unpack_from(">II", data, 16)
-    pixels_reached = any(name == b"IDAT" for name, _ in png_chunks(data))
-    return (height, width) if pixels_reached else None
-
-
-_SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": radiance.size}
-
-
 def _decoded(data: bytes, header: _Header, label: str) -> Array:
     """A JPEG or PNG in linear Rec. 709, (H, W, 3) float32, upright.
 
@@ -347,11 +334,9 @@ def _refuse_late_orientation(data: bytes, header: _Header, label: str) -> None:
 
 def _codes_of_8_bits(data: bytes, colour: Colour | None, label: str) -> Array:
     """Codes (H, W, 3) uint8 of a JPEG or PNG, as stored; in sRGB if `colour` is a profile, else in its own space."""
-    from PIL import Image
-
+    picture = pillow_image(data)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow warns of large pictures; the size was checked already
-        picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
+        warnings.simplefilter("ignore")  # Pillow warns of what it passes over
         if colour and colour.profile:
             return srgb_by_profile(picture, colour, label)
         return np.asarray(picture.convert("RGB"))

@@ -11,12 +11,9 @@ of all blocks, two a pixel. Byte b is b / 255 · 2 − 1, a singular value 10 ·
 Format: server/SplitVersions of https://github.com/sotnychenko/xml3d-btf, and the shaders there that read it.
 """
 
-import io
 import json
 import re
-import struct
 import warnings
-import zlib
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,7 +23,7 @@ import numpy as np
 from bench.btf import BTF, Array, Source
 from bench.data.readers.checks import PHOTOGRAPHED
 from bench.data.readers.files import HEAD, Candidate, FolderFiles
-from bench.data.readers.orientation import PNG_START
+from bench.data.readers.orientation import pillow_image
 from bench.data.readers.pictures import picture_size
 from bench.directions.hemisphere import product, ubo2003
 from bench.inputs.errors import InputError, readable
@@ -188,14 +185,14 @@ class LocalPCA(Source):
 
     def _bytes(self, name: str) -> Array:
         """The bytes (4 · H · W,) of a PNG's pixels, row by row, R G B A; `InputError` if it is damaged or changed."""
-        from PIL import Image
+        import png
 
         height, width = picture_size(self.files, name)
         with readable(self.files.label(name), "the picture is damaged; get it again"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of Pillow: what is wrong is an error here
             data = self.files.read(name)
-            _verify_checksums(data)
-            pixels = np.asarray(Image.open(io.BytesIO(data), formats=["PNG"]))
+            list(png.Reader(bytes=data).chunks())  # checks all checksums and the end, which Pillow passes over
+            pixels = np.asarray(pillow_image(data))
             if pixels.size != BYTES_A_PIXEL * height * width:
                 raise ValueError(f"{pixels.shape} pixels")
             return pixels.reshape(-1)
@@ -237,23 +234,6 @@ class LocalPCA(Source):
 
     def fingerprint(self) -> str:
         return self.files.digest(self.names)
-
-
-def _verify_checksums(data: bytes) -> None:
-    """Raise `ValueError` if a chunk of a PNG does not match its checksum, `struct.error` if the data end too early.
-
-    Pillow accepts both.
-    """
-    offset = PNG_START
-    name = b""
-    # A chunk is the size of its content (4 bytes), its name (4), its content, and the checksum (4) of name and content.
-    while name != b"IEND":
-        size, name = struct.unpack_from(">I4s", data, offset)
-        content_end = offset + 8 + size
-        (checksum,) = struct.unpack_from(">I", data, content_end)
-        if zlib.crc32(data[offset + 4 : content_end]) != checksum:
-            raise ValueError(f"the checksum at offset {offset} is wrong")
-        offset = content_end + 4
 
 
 def _signed(codes: Array) -> Array:

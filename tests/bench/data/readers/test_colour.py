@@ -157,6 +157,7 @@ def test_primaries_beyond_all_colours_are_converted(tmp_path):
         ((b"iCCP", b"P3\0\0" + zlib.compress(P3)), 16, "16 bits"),
         ((b"iCCP", b"x\0\0" + zlib.compress(SRGB[:16] + b"CMYK" + SRGB[20:])), 8, "ICC.*'CMYK'"),
         ((b"iCCP", b"x\0\0" + zlib.compress(SRGB[:300])), 8, "ICC"),
+        ((b"iCCP", b"x\0\0no zlib"), 8, "ICC.*damaged"),
         ((b"cICP", b"\x09\x10\0\1"), 8, "cICP.*9, 16"),
         ((b"cHRM", bytes(32)), 8, "white of its cHRM"),
         ((b"cHRM", struct.pack(">8I", 31270, 32900, *3 * (30000, 60000))), 8, "primaries of its cHRM"),
@@ -168,6 +169,21 @@ def test_what_cannot_be_converted_is_refused(tmp_path, chunk, bits, message):
     with pytest.raises(InputError, match=rf"a\.png: .*{message}"):
         read(path)
     assert read(path, is_colour=False).shape == (6, 5, 3)  # data, which no space affects
+
+
+def test_a_profile_of_a_jpeg_that_pillow_passes_over_is_refused(tmp_path):
+    Image.fromarray(CODES).save(tmp_path / "a.jpg", icc_profile=P3)
+    whole = (tmp_path / "a.jpg").read_bytes()
+    start = whole.index(b"\xff\xe2")
+    end = start + 2 + int.from_bytes(whole[start + 2 : start + 4], "big")
+    pixels = whole.index(b"\xff\xda", end)
+    behind_size = whole[:start] + whole[end:pixels] + whole[start:end] + whole[pixels:]
+    number = start + 4 + len(b"ICC_PROFILE\0") + 1  # of all parts
+    of_two_parts = whole[:number] + b"\2" + whole[number + 1 :]
+    for changed in (behind_size, of_two_parts):
+        (tmp_path / "a.jpg").write_bytes(changed)
+        with pytest.raises(InputError, match=r"a\.jpg: .*ICC profile is damaged or stands"):
+            read(tmp_path / "a.jpg")
 
 
 def test_provenance_and_fingerprint_tell_the_conversion(tmp_path):

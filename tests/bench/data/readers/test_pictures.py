@@ -245,12 +245,21 @@ def test_a_jpeg_of_12_bits_or_without_loss_is_refused_by_that_word(tmp_path):
     Image.fromarray(CODES).save(tmp_path / "a.jpg")
     whole = (tmp_path / "a.jpg").read_bytes()
     frame = whole.index(b"\xff\xc0")
-    for marker, bits, message in ((0xC1, 12, "12 bits.*8 bits"), (0xC3, 8, "lossless.*as PNG")):
+    for marker, bits, message in ((0xC1, 12, "12-bit.*PNG of 8 or 16 bits"), (0xC3, 8, "lossless.*as PNG")):
         changed = bytearray(whole)
         changed[frame + 1], changed[frame + 4] = marker, bits
         (tmp_path / "a.jpg").write_bytes(changed)
         with pytest.raises(InputError, match=rf"a\.jpg: .*{message}"):
             picture_size(FolderFiles(tmp_path), "a.jpg")
+
+
+def test_a_jpeg_with_bytes_between_its_segments_is_refused(tmp_path):
+    Image.fromarray(CODES).save(tmp_path / "a.jpg")
+    whole = (tmp_path / "a.jpg").read_bytes()
+    frame = whole.index(b"\xff\xc0")
+    (tmp_path / "a.jpg").write_bytes(whole[:frame] + b"\0" + whole[frame:])
+    with pytest.raises(InputError, match=rf"a\.jpg: .*no JPEG marker at offset {frame}: .*get it again"):
+        picture_size(FolderFiles(tmp_path), "a.jpg")
 
 
 @pytest.mark.parametrize(("greyscale", "bits"), [(True, 16), (True, 4), (False, 16)])
@@ -287,7 +296,7 @@ HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_%s\n\n-Y %d +X %d\n\0\0\0\0"
         (b"\x76\x2f\x31\x01" + struct.pack("<I", 1), "version 1, not 2"),
         (b"\x76\x2f\x31\x01" + struct.pack("<I", 0x1002), "deep or multi-part"),
         (HDR % (b"xyze", 1, 1), "32-bit_rle_rgbe"),
-        (b"\xff\xd8\xff\xe0\0\x10JFIF", "truncated"),
+        (b"\xff\xd8\xff\xe0\0\x10JFIF", "Truncated"),
         (b"hello world, no picture", "begins with b'hello wo'"),
         (b"", "begins with b''"),
         ("CMYK", "4 channels"),
