@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.inputs import plugins
-from bench.inputs.errors import CodecError, InputError, did_you_mean, said_by
+from bench.inputs.errors import CodecError, InputError, did_you_mean
 from bench.inputs.plugins import source_of
 
 if TYPE_CHECKING:
@@ -41,12 +41,9 @@ def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
     """Make a codec with some settings. `InputError` if they are invalid or no codec has the name, `CodecError` if the
     codec fails."""
     entry = entry_of(name)
-    try:
+    words = f"{codec_in_words(entry)} fails with the settings {settings}"
+    with plugins.naming(words, kind=CodecError, passed=(InputError,)):
         return _imported_class(entry)(**settings)
-    except InputError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise CodecError(f"{codec_in_words(entry)} fails with the settings {settings}: {said_by(error)}") from error
 
 
 def entry_of(name: str, wanted_by: str = "") -> EntryPoint:
@@ -78,11 +75,9 @@ def _has_codec(folder: str, name: str) -> bool:
 def _imported_class(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
     """Import the class of an entry point in this process; its errors are those of `load_codec`."""
     prefix = _prefix(wanted_by)
-    try:
+    place = f"({entry.value}, which its [project.entry-points] name)"
+    with plugins.naming(f"{prefix}{codec_in_words(entry)} {place} cannot be imported", kind=CodecError):
         codec: type[Codec] = entry.load()
-    except (Exception, SystemExit) as error:
-        place = f" ({entry.value}, which its [project.entry-points] name)"
-        raise CodecError(f"{prefix}{codec_in_words(entry)}{place} cannot be imported: {said_by(error)}") from error
     name = getattr(codec, "name", None)
     if name != entry.name:
         fault = "has no name" if name is None else f"calls itself {name!r}"

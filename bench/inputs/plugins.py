@@ -7,7 +7,8 @@ that it stands for, `module:object`. A distribution is a package as it is instal
 import importlib.util
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import EntryPoint, entry_points
@@ -71,16 +72,35 @@ def remedy(entry: EntryPoint) -> str:
     return f"mend it, or uninstall {entry.dist.name}" if entry.dist else "mend it, or uninstall it"
 
 
+@contextmanager
+def naming(
+    words: str,
+    advice: str = "",
+    *,
+    kind: type[InputError] = PluginError,
+    passed: tuple[type[Exception], ...] = (),
+) -> Iterator[None]:
+    """Turn what another package raises, even an exit, into one line: `words`, what was raised, and `advice`.
+
+    `words` name what the package adds, and say what fails; `advice` is the remedy, or "". The new error is of type
+    `kind`; errors of the types `passed` stay as they are.
+    """
+    try:
+        yield
+    except passed:
+        raise
+    except (Exception, SystemExit) as error:
+        ending = f": {advice}" if advice else ""
+        raise kind(f"{words}: {said_by(error)}{ending}") from error
+
+
 def imported(entry: EntryPoint, kind: str) -> Any:
     """The object of an entry point, imported. `PluginError` names the package if it cannot be imported.
 
     `kind` ("reader") is what the error calls it.
     """
-    try:
+    with naming(f"{called(entry, kind)} cannot be imported", remedy(entry)):
         return entry.load()
-    except (Exception, SystemExit) as error:  # a package that exits on import must not end the suite
-        words = f"{called(entry, kind)} cannot be imported: {said_by(error)}"
-        raise PluginError(f"{words}: {remedy(entry)}") from error
 
 
 def source_of(module: str) -> Path | None:

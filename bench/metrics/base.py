@@ -87,16 +87,6 @@ class SliceMetric:
     smallest = 1  # texels a side that a picture must have
     per_material = False  # whether `for_material` has anything to fix
 
-    @property
-    def title(self) -> str:
-        """What errors call the metric."""
-        return type(self).__name__
-
-    @property
-    def module(self) -> str:
-        """The module whose source the numbers depend on."""
-        return type(self).__module__
-
     def for_material(self, sample: Array) -> "SliceMetric":
         """The metric with its per-material constants fixed, from a sample (n, 3) of the material's linear radiance."""
         del sample
@@ -132,7 +122,8 @@ class SliceMetric:
         height, width = picture.shape[-2:]
         least = self.smallest
         if min(height, width) < least:
-            raise InputError(f"reference is {height} × {width}, but {self.title} needs at least {least} × {least}")
+            called = type(self).__name__
+            raise InputError(f"reference is {height} × {width}, but {called} needs at least {least} × {least}")
         return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
 
     def error_map(self, reference: Prepared, test: Array) -> Array:
@@ -147,3 +138,10 @@ class SliceMetric:
         """The raw number, the mean of `error_map`: a float for one slice, an array for a stack."""
         raw = self.error_map(reference, test).mean((-2, -1))
         return float(raw) if np.ndim(raw) == 0 else raw
+
+
+def as_metric(made: object) -> SliceMetric:
+    """Return what a package made if it is a metric; otherwise raise a `TypeError`."""
+    if not isinstance(made, SliceMetric):
+        raise TypeError(f"it gave a {type(made).__name__}, which is not derived from bench.metrics.base.SliceMetric")
+    return made

@@ -4,8 +4,11 @@ Importing takes long, and a metric of another package may fail.
 """
 
 import importlib
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
+
+from bench.inputs.plugins import naming
 
 if TYPE_CHECKING:
     from bench.metrics.base import SliceMetric
@@ -40,14 +43,13 @@ class Metric:
 
     def load(self) -> "SliceMetric":
         """Import the metric and make it. `PluginError` if it is of another package and that fails."""
-        if not self.called:
-            return self._make()
-        from bench.metrics.guarded import guarded
+        from bench.metrics.base import as_metric
 
-        return guarded(self._make, self.called)
+        with self.asked("import or constructor"):
+            module, _, name = self.target.partition(":")
+            return as_metric(getattr(importlib.import_module(module), name)(**self.options))
 
-    def _make(self) -> "SliceMetric":
-        """Import the class that `target` names, and make it with `options`."""
-        module, _, name = self.target.partition(":")
-        instance: SliceMetric = getattr(importlib.import_module(module), name)(**self.options)
-        return instance
+    def asked(self, method: str) -> AbstractContextManager[None]:
+        """The context in which a method of the metric is called: whatever one of another package raises there becomes
+        a `PluginError` that names the metric, its package and the method."""
+        return naming(f"{self.called} fails in {method}") if self.called else nullcontext()

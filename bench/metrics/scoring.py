@@ -21,7 +21,7 @@ from bench.btf import BTF, Array, box_filter
 from bench.inputs.errors import InputError
 from bench.machine.threads import cores
 from bench.metrics.angular import as_number, grazing, polar_map
-from bench.metrics.base import Picture, SliceMetric, check_radiance
+from bench.metrics.base import Picture, SliceMetric, as_metric, check_radiance
 from bench.metrics.description import PERIODIC, Metric
 from bench.metrics.display import display_error, exposure_of, sample
 from bench.metrics.psnr import DisplayPSNR, squared_error
@@ -105,17 +105,19 @@ class Scorer:
         if names is None:
             names = registry.chosen_names(registry.DEFAULTS, btf.periodic)
         self.names = tuple(names)
-        described = {name: registry.get(name) for name in self.names}
-        for name, metric in described.items():
+        self.described = {name: registry.get(name) for name in self.names}
+        for name, metric in self.described.items():
             if metric.periodic and not btf.periodic:
                 plain = name.removesuffix(PERIODIC)
                 raise InputError(f"{name} is only for materials that repeat, and {btf.name} does not: choose {plain}")
-        self.metrics = {name: metric.load() for name, metric in described.items()}
+        self.metrics = {name: metric.load() for name, metric in self.described.items()}
         # Sampling reads slices, so it is done only if something is measured of them: the exposure, or constants of a
         # metric.
         if exposure is None or any(metric.per_material for metric in self.metrics.values()):
             values = sample(btf if sampled is None else sampled)
-            self.metrics = {name: metric.for_material(values.reshape(-1, 3)) for name, metric in self.metrics.items()}
+            for name, description in self.described.items():
+                with description.asked("for_material"):
+                    self.metrics[name] = as_metric(self.metrics[name].for_material(values.reshape(-1, 3)))
             if exposure is None:
                 exposure = exposure_of(values)
         self.exposure = exposure
@@ -142,7 +144,12 @@ class Scorer:
             radiance[block] = stack.reference.radiance
             abrdf += stack.abrdf
             done = block.stop
-        fixed = {name: metric.fixed() for name, metric in self.metrics.items() if metric.fixed()}
+        fixed = {}
+        for name, metric in self.metrics.items():
+            with self.described[name].asked("fixed"):
+                constants = metric.fixed()
+            if constants:
+                fixed[name] = constants
         return Scores(pairs, raw, radiance, abrdf / max(1, len(pairs)), self.exposure, fixed)
 
     def _stacks(self, pairs: Array, decode_slice: Decode) -> Iterator[_Stack]:
@@ -176,13 +183,20 @@ class Scorer:
             reference = self._cached[pairs]
         else:
             true_picture = Picture(truth, self.exposure, f"reference slices of pairs {pairs[0]} to {pairs[-1]}")
-            sides = {name: metric.reference_side(true_picture) for name, metric in self._applicable.items()}
+            sides = {}
+            for name, metric in self._applicable.items():
+                with self.described[name].asked("reference_side"):
+                    sides[name] = metric.reference_side(true_picture)
             # Pictures are planar, (3, n, H, W): the mean over all axes but that of the slices.
             reference = _Reference(sides, true_picture.log1p, true_picture.linear.mean((0, -2, -1)))
         test_picture = Picture(test, self.exposure, "test")
         means = {}
         for name, metric in self._applicable.items():
-            means[name] = metric.compare(reference.sides[name], test_picture).mean((-2, -1))  # (n,), over the texels
+            with self.described[name].asked("compare"):
+                differences = metric.compare(reference.sides[name], test_picture)
+                if self.described[name].called:
+                    _check_map(differences, len(pairs))
+                means[name] = differences.mean((-2, -1))  # (n,), over the texels
         abrdf = squared_error(reference.log1p, test_picture.log1p).sum(0)  # of (n, H, W)
         return _Stack(pairs, reference, means, abrdf)
 
@@ -194,6 +208,18 @@ class Scorer:
             self._cached[stack.pairs] = stack.reference
             self._cached_bytes += size
         return stack
+
+
+def _check_map(differences: Array, count: int) -> None:
+    """Raise `ValueError` unless what a metric of another package returned is a finite map (n, H, W) of `count` slices.
+
+    A NaN would count as a slice that the metric does not apply to.
+    """
+    shape = np.shape(differences)
+    if len(shape) != 3 or shape[0] != count:
+        raise ValueError(f"it returned {shape}, not a map (..., H, W) of {count} slices")
+    if not np.isfinite(differences).all():
+        raise ValueError("it returned values that are not finite")
 
 
 def _decoded(picture: Array, shape: tuple[int, ...], what: str) -> Array:
@@ -239,7 +265,9 @@ def weighted(scores: Scores, share: Array) -> Group:
     for name, raw in scores.raw.items():
         description = registry.get(name)
         counting = ~np.isnan(raw) & (shares > 0)  # mask (n,)
-        stats = _weighted(description.load(), raw[counting], shares[counting])
+        metric = description.load()
+        with description.asked("values"):
+            stats = _weighted(metric, raw[counting], shares[counting])
         if description.relative:
             stats["relative"] = _relative(stats["pooled"], radiance)
         result["metrics"][name] = stats
@@ -276,8 +304,10 @@ def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]
     sides = {"view": wo[scores.pairs], "light": wi[scores.pairs]}
     maps = {}
     for name, raw in scores.raw.items():
-        pool = registry.get(name).load().pool
-        maps[name] = {side: polar_map(directions, raw, pool) for side, directions in sides.items()}
+        description = registry.get(name)
+        metric = description.load()
+        with description.asked("pool"):
+            maps[name] = {side: polar_map(directions, raw, metric.pool) for side, directions in sides.items()}
     return maps
 
 
@@ -331,11 +361,12 @@ def _group(scores: Scores, chosen: Array, loaded: dict[str, tuple[Metric, SliceM
     for name, (description, metric) in loaded.items():
         raw = scores.raw[name][chosen]
         measured = raw[~np.isnan(raw)]
-        stats = _statistics(metric, measured)
+        with description.asked("values or pool"):
+            stats = _statistics(metric, measured)
+            if description.decibels:
+                stats["worst"] = worst(metric.values(measured))
         if description.relative:
             stats["relative"] = _relative(stats["pooled"], radiance)
-        if description.decibels:
-            stats["worst"] = worst(metric.values(measured))
         result["metrics"][name] = stats
     return result
 

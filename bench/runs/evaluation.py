@@ -59,7 +59,7 @@ def score_key(workbench: Workbench, header: Header) -> ScoreKey:
     """Everything that the figures of a file depend on. A file is not scored again if a record has the same key."""
     codec_class = registry.load_codec(header.codec, wanted_by=str(header.path))
     codec = codec_class(**header.settings)
-    modules_of_metrics = [metric.module for metric in workbench.scorer.metrics.values()]
+    modules_of_metrics = [type(metric).__module__ for metric in workbench.scorer.metrics.values()]
     code = identity(codec, __name__, *modules_of_metrics)["code"]  # a hash of the source of decoder and scores
     key: ScoreKey = {"sha256": header.sha256, "code": code}
     return key | conditions(workbench)

@@ -13,7 +13,7 @@ from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.inputs.plugins import PluginError
 from bench.metrics import outside
-from bench.metrics.scoring import Scorer, summarise
+from bench.metrics.scoring import Scorer, polar_maps, summarise, weighted
 from tests.bench.outside import install
 
 SMALL = [part for key in ("size=16", "views=4", "lights=4", "heldout=4") for part in ("--set", f"data.{key}")]
@@ -31,6 +31,7 @@ class Dark(SliceMetric):
     def compare(self, side, test):
         return np.abs(side - test.display).mean(0)
 """
+COMPARE = "def compare"  # before it a test adds another method
 
 
 @pytest.fixture
@@ -54,10 +55,14 @@ def installed(tmp_path, monkeypatch):
     forget()
 
 
-def scored(name="dark"):
+def scores_of(name):
     btf = tiny_btf(16, 4, 4)
     scorer = Scorer(btf, metrics.chosen_names([name], btf.periodic))
-    scores = scorer.score(range(3), lambda pair: btf[pair] * 0.9)
+    return btf, scorer.score(range(3), lambda pair: btf[pair] * 0.9)
+
+
+def scored(name="dark"):
+    btf, scores = scores_of(name)
     return summarise(scores, btf.wo, btf.wi, {"all": np.arange(3)})["all"]["metrics"]
 
 
@@ -86,7 +91,7 @@ def test_a_job_that_it_fails_is_scored_again_once_it_is_mended(installed, tmp_pa
     words += ["--out", str(tmp_path / "run")]
     installed(SOURCE.replace("np.abs(side", "np.nan * abs(side"))
     assert cli.main(words) == 3
-    assert "dark of shades 1.0: compare " in " ".join(capsys.readouterr().out.split())
+    assert "dark of shades 1.0 fails in compare: " in " ".join(capsys.readouterr().out.split())
     installed(SOURCE, package="mended")
     assert cli.main(words) == 0
     assert "1 scored again" in " ".join(capsys.readouterr().out.split())
@@ -119,9 +124,16 @@ def test_a_unit_changes_nothing_in_silence(installed):
         ('"darkness")', '"dark", default=True)', "default=True"),
         ('"darkness")', '"dark", family="ssim")', "family 'ssim'"),
         ("dark:Dark", "dark:Lost", "AttributeError"),
-        ("(SliceMetric)", "", "AttributeError"),
+        ("(SliceMetric)", "", "a Dark.*SliceMetric"),
         ("return reference.display", "return 1 / 0", "reference_side: ZeroDivisionError"),
         ("np.abs(side - test.display)", "np.nan * side", "compare.*not finite"),
+        ("np.abs(side - test.display).mean(0)", "0.5", r"compare.*\(\), not a map"),
+        ("np.abs(side - test.display).mean(0)", "side", r"compare.*\(3, 3, 16, 16\), not a map"),
+        (COMPARE, f"def for_material(self, sample):\n        exit()\n\n    {COMPARE}", "for_material: SystemExit"),
+        (COMPARE, f"def for_material(self, sample):\n        pass\n\n    {COMPARE}", "for_material.*NoneType"),
+        (COMPARE, f"def fixed(self):\n        return self.lost\n\n    {COMPARE}", "fixed: AttributeError"),
+        (COMPARE, f"def values(self, raw):\n        return None\n\n    {COMPARE}", "values.*TypeError"),
+        (COMPARE, f"def pool(self, raw):\n        return None\n\n    {COMPARE}", "pool: TypeError"),
     ],
 )
 def test_what_is_wrong_with_it_is_one_line_that_names_it(installed, old, new, says):
@@ -130,6 +142,15 @@ def test_what_is_wrong_with_it_is_one_line_that_names_it(installed, old, new, sa
     with pytest.raises(PluginError, match=f"metric dark of shades 1.0.*{says}") as raised:
         scored()
     assert "\n" not in str(raised.value)
+
+
+def test_polar_maps_and_weighted_means_name_one_that_fails(installed):
+    installed(SOURCE.replace(COMPARE, f"def values(self, raw):\n        return 1 / 0\n\n    {COMPARE}"))
+    btf, scores = scores_of("dark")
+    with pytest.raises(PluginError, match=r"metric dark of shades 1\.0 fails in pool: ZeroDivisionError"):
+        polar_maps(scores, btf.wo, btf.wi)
+    with pytest.raises(PluginError, match=r"metric dark of shades 1\.0 fails in values: ZeroDivisionError"):
+        weighted(scores, np.ones(len(btf)))
 
 
 def test_one_that_fails_is_listed_so_and_older_records_of_it_keep_their_name(installed):

@@ -13,8 +13,8 @@ import numpy as np
 from bench.btf import BTF
 from bench.data.readers.files import Candidate
 from bench.inputs import plugins
-from bench.inputs.errors import InputError, said_by
-from bench.inputs.plugins import PluginError, called, remedy
+from bench.inputs.errors import InputError
+from bench.inputs.plugins import PluginError, called, naming, remedy
 
 GROUP, KIND = "neubtf_bench.readers", "reader"
 
@@ -37,8 +37,8 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint]) -> tuple[BTF | None, 
     """The BTF of the first of these readers that knows the format of `seen`, None if none does; and faults.
 
     A fault is a sentence on a reader that cannot be imported or has no function `opened`, which does not stop the
-    others. Raises `PluginError` that names the reader, if it fails or returns something else than a BTF whose first
-    slice is (H, W, 3) float32; an `InputError` of its own, which is about the file, is passed on.
+    others. Raises `PluginError` that names the file and the reader, if the reader fails or returns something else than
+    a BTF whose first slice is (H, W, 3) float32. Its errors about the file or the machine are passed on.
     """
     faults = []
     for entry in readers:
@@ -47,20 +47,27 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint]) -> tuple[BTF | None, 
         except PluginError as error:
             faults.append(str(error))
             continue
-        btf = _call(entry, seen, reader.opened, seen)
-        if btf is None:
-            continue
-        if not isinstance(btf, BTF):
-            fault = f"opened returned a {type(btf).__name__}, but must return a BTF, or None"
-            raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
-        # Read from the source: `btf[0]` would refuse NaN, which the option --repair may mask later.
-        first = _call(entry, seen, lambda given: given.source.slice(int(given.pairs[0])), btf)
-        form = f"{first.shape} {first.dtype}" if isinstance(first, np.ndarray) else f"a {type(first).__name__}"
-        if form != f"{(*btf.shape, 3)} float32":
-            fault = f"slice 0 is {form}, but must be {(*btf.shape, 3)} float32"
-            raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
-        return btf, faults
+        words = f"{seen.path}: {called(entry, KIND)} fails"
+        with naming(words, remedy(entry), passed=(InputError, OSError, MemoryError)):
+            btf = reader.opened(seen)
+            if btf is not None:
+                _check(btf)
+                return btf, faults
     return None, faults
+
+
+def _check(btf: Any) -> None:
+    """Read the first slice of what a reader returned. `TypeError` unless it is a BTF, and the slice (H, W, 3) float32.
+
+    The slice is read from the source, because `btf[0]` would refuse NaN, which the option --repair may mask later.
+    """
+    if not isinstance(btf, BTF):
+        raise TypeError(f"opened returned a {type(btf).__name__}, but must return a BTF, or None")
+    first: Any = btf.source.slice(int(btf.pairs[0]))
+    form = f"{first.shape} {first.dtype}" if isinstance(first, np.ndarray) else f"a {type(first).__name__}"
+    due = f"{(*btf.shape, 3)} float32"
+    if form != due:
+        raise TypeError(f"slice 0 is {form}, but must be {due}")
 
 
 def description(entry: EntryPoint) -> str:
@@ -78,17 +85,3 @@ def _module(entry: EntryPoint) -> Any:
     if not callable(getattr(module, "opened", None)):
         raise PluginError(f"{called(entry, KIND)}: {entry.value} has no function `opened`: add it; {remedy(entry)}")
     return module
-
-
-def _call(entry: EntryPoint, seen: Candidate, function: Any, *arguments: Any) -> Any:
-    """What a function of the reader `entry` returns for some arguments; `seen` is named in errors.
-
-    Errors about the file or the machine pass; any other becomes a `PluginError` that names the reader.
-    """
-    try:
-        return function(*arguments)
-    except (InputError, OSError, MemoryError):
-        raise
-    except (Exception, SystemExit) as error:  # a foreign reader must not end the program either
-        words = f"{called(entry, KIND)} fails: {said_by(error)}"
-        raise PluginError(f"{seen.path}: {words}: {remedy(entry)}") from error

@@ -3,8 +3,6 @@ import pytest
 
 from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names, get
-from bench.metrics.guarded import guarded
-from bench.metrics.ssim import SSIM
 
 GOOD = np.full((16, 16, 3), 0.5, np.float32)
 EVERY = [*chosen_names(DEFAULTS, False), "flip_hdr_67ppd"]
@@ -31,23 +29,6 @@ def test_bad_input_names_its_argument(name, bad):
     for exposure in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="exposure"):
             metric.prepare(GOOD, exposure)
-
-
-def test_errors_name_a_metric_of_another_package():
-    class Wrong(SSIM):
-        def compare(self, side, test):
-            return 0.5
-
-        def pool(self, raw):
-            return None
-
-    metric = guarded(Wrong, "metric grain of package film")
-    with pytest.raises(InputError, match="metric grain of package film needs at least 11"):
-        metric.prepare(GOOD[:9], 1.0)
-    with pytest.raises(InputError, match=r"metric grain of package film: compare returned \(\), not a map"):
-        metric.score(metric.prepare(GOOD, 1.0), GOOD)
-    with pytest.raises(InputError, match="metric grain of package film fails in pool"):
-        metric.pool(np.ones(2))
 
 
 @pytest.mark.parametrize("name", EVERY)
