@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from bench.inputs.errors import InputError, did_you_mean
-from bench.records import Job, Run, planned_jobs
+from bench.records import Job, Run, method_of, planned_jobs
 from reports.table import OfData, Spread, Table
 
 
@@ -59,7 +59,7 @@ class Choice:
         # tables do not list them as not run.
         starts = []
         for start in run.starts:
-            planned = [job for job in planned_jobs(start) if self._chosen(job.material, (job.codec, job.label))]
+            planned = [job for job in planned_jobs(start) if self._chosen(job.material, (job.method, job.label))]
             starts.append(start | {"jobs": [job.name for job in planned]})
         return replace(run, jobs=jobs, starts=starts)
 
@@ -187,7 +187,7 @@ class Choice:
 
 def _codec_names(job: Job) -> tuple[str, ...]:
     """The names by which a choice may call the codec of a job: its name, its label."""
-    return job["codec"], job["label"]
+    return method_of(job), job["label"]
 
 
 def _name_and_unit(header: tuple[str, str]) -> str:

@@ -94,7 +94,7 @@ def _absent_line(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) 
     `present` are all other rows.
     """
     materials = dict.fromkeys(row.material for row in present)
-    codecs = dict.fromkeys(row.codec for row in present)
+    codecs = dict.fromkeys(row.method for row in present)
     options = [f"--material {shlex.quote(name)}" for name in materials]
     options += [f"--codec {shlex.quote(name)}" for name in codecs]
     remedy = f"; to compare what is there: {' '.join(options)}" if options else ""

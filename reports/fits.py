@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from bench.records import Job, Run, as_published, grouped
+from bench.records import Job, Run, as_published, grouped, method_of
 from reports.rows import materials
 from reports.table import Table
 from reports.values import Column, written
@@ -53,7 +53,7 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
                 memory = row.job.get("fit_memory", nan)
                 direct = _share_of_direct(row.job)
                 stale = bool(row.values["stale"])
-                curves.append(FitCurve(row.job["codec"], row.label, points, direct, published, memory, stale))
+                curves.append(FitCurve(method_of(row.job), row.label, points, direct, published, memory, stale))
         if curves:
             by_material[material.name] = curves
     return by_material

@@ -16,7 +16,7 @@ from importlib.resources import files
 from itertools import chain
 from typing import Any
 
-from bench.records import ARTEFACT, RESULTS, Run, field_names, grouped, kept, rounded
+from bench.records import ARTEFACT, RESULTS, Run, field_names, grouped, kept, method_of, rounded
 from reports import series
 from reports.atlas import MAGMA, Atlases
 from reports.figures import Figure
@@ -171,12 +171,12 @@ class Page:
         for label in self._ranking(material):
             if label in labels_with_pictures:
                 row = row_of[label]
-                best_rows.setdefault(row.job["codec"], row)
+                best_rows.setdefault(method_of(row.job), row)
         if not best_rows:
             return []
         rows = list(best_rows.values())  # the best first
         leaders, others = rows[:LEADERS], rows[LEADERS:]
-        best_own = [row for row in others if is_own(row.job["codec"])][:1]  # a list of one row, or of none
+        best_own = [row for row in others if is_own(method_of(row.job))][:1]  # a list of one row, or of none
         pictures: list[Picture] = [("", f"{material.name}, truth")]
         for row in [*leaders, *best_own]:
             psnr = EXACT if row.psnr is None else f"{fixed(row.psnr, 1)} dB"  # None: no slice has an error
@@ -267,7 +267,7 @@ def _what_was_measured(measured: Sequence[MaterialRows]) -> str:
     `measured` has at least one material. The size and the pairs are left out if materials differ in them.
     """
     jobs = [row.job for material in measured for row in material.shown]
-    codecs = {job["codec"] for job in jobs}
+    codecs = set(map(method_of, jobs))
     settings = {job["label"] for job in jobs}
     codecs_in_words = f"{len(codecs)} codec{'s' if len(codecs) > 1 else ''}"
     if len(settings) > len(codecs):

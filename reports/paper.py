@@ -21,7 +21,7 @@ import pandas as pd
 from bench.codecs.alike import stale
 from bench.compare.frame import settings_in
 from bench.metrics import all_exact, mean_over
-from bench.records import FLIP, PSNR, SSIM, Job, Run, Statistics, as_published, grouped
+from bench.records import FLIP, PSNR, SSIM, Job, Run, Statistics, as_published, grouped, method_of
 from reports.numbers import EXACT, NONE, NOT_APPLICABLE, fixed, signed
 from reports.rows import MaterialRows
 from reports.rows import Row as MaterialRow
@@ -337,11 +337,11 @@ def _ablation_rows(
     """
     unchanged: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
     for job in of_suite:
-        unchanged.setdefault(job["codec"], job["label"])
+        unchanged.setdefault(method_of(job), job["label"])
     jobs = [job for job in of_suite if job["status"] == "ok"]
     for label, of_label in grouped(jobs, lambda job: str(job["label"])).items():
         job = of_label[0]
-        unchanged_label = unchanged[job["codec"]]
+        unchanged_label = unchanged[method_of(job)]
         settings, usual = label.split()[1:], unchanged_label.split()[1:]  # after the codec
         names = {setting.partition("=")[0] for setting in settings}
         changes = [setting for setting in settings if setting not in usual]

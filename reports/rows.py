@@ -22,6 +22,7 @@ from bench.records import (
     deciding_group,
     fitted_to_scene,
     grouped,
+    method_of,
     metrics_of,
     require,
     view,
@@ -101,7 +102,7 @@ class CodecRows:
     @property
     def codec(self) -> str:
         """The name of the codec, without settings."""
-        return self.rows[0].job["codec"]
+        return method_of(self.rows[0].job)
 
     @property
     def of_scene(self) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 from bench.compare.frame import line_of
-from bench.records import Job
+from bench.records import Job, method_of
 
 # A colour of its own for each codec of the package: any two differ by at least 20 in CIELAB, and each has a contrast of
 # 3 or more on white and on the page's dark paper. Markers tell apart what a reader without one kind of cone, or a grey
@@ -37,7 +37,7 @@ class Styles:
         self.codec_of: dict[str, str] = {}  # by label, ladder of rates and line of budgets, the name of the codec
         self.labels_of_codec: dict[str, dict[str, None]] = {}  # each once, in the order of the suite
         for job in jobs:
-            label, codec = job["label"], job["codec"]
+            label, codec = job["label"], method_of(job)
             self.codec_of |= dict.fromkeys((label, job.get("curve", codec), line_of(job)), codec)
             self.labels_of_codec.setdefault(codec, {})[label] = None
         self.outside_codecs = list(filter(is_own, self.labels_of_codec))

@@ -19,7 +19,7 @@ from bench.compare.quantities import Tolerance
 from bench.compare.rows import ORDER, ComparedRow, comparable_times, compare_row, gravest_verdict, multiples
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
-from bench.records import Job, Run, RunStart, Stress, by_row, grouped, planned_jobs, require
+from bench.records import Job, Run, RunStart, Stress, by_row, grouped, method_of, planned_jobs, require
 
 FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
 
@@ -81,7 +81,7 @@ def compare(
     check_whole(base)
     every = [*base.jobs, *new.jobs]
     check_names("material", materials, {job["material"] for job in every})
-    check_names("codec", codecs, {job["codec"] for job in every})
+    check_names("codec", codecs, set(map(method_of, every)))
     # The jobs of both runs that are compared, and their times.
     after = _jobs_to_compare(new, materials, codecs)
     before = _with_current_labels(_jobs_to_compare(base, materials, codecs), after)
@@ -116,7 +116,7 @@ def _jobs_to_compare(run: Run, materials: Sequence[str], codecs: Sequence[str]) 
     for job in run.jobs:
         if materials and job["material"] not in materials:
             continue
-        if codecs and job["codec"] not in codecs:
+        if codecs and method_of(job) not in codecs:
             continue
         if job["status"] == "ok":  # others have no numbers
             require(job, "comparison", run.folder)
@@ -126,13 +126,13 @@ def _jobs_to_compare(run: Run, materials: Sequence[str], codecs: Sequence[str]) 
 
 def _pattern_names(pattern: str, row: ComparedRow) -> bool:
     """Whether a pattern of `allow` names a row: by material and label, by label, by codec or by material."""
-    names = (row.name, row.label, row.codec, row.material)
+    names = (row.name, row.label, row.method, row.material)
     return any(fnmatchcase(name, pattern) for name in names)
 
 
 def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
     """A mean row for each codec with several rows, and one for all codecs; none for fewer than two rows."""
-    rows_of_codec = grouped(rows, lambda row: row.codec)
+    rows_of_codec = grouped(rows, lambda row: row.method)
     mean_rows = [_mean_row(name, of_codec, every=False) for name, of_codec in rows_of_codec.items()]
     mean_rows.append(_mean_row("all codecs", list(rows), every=True))
     return [row for row in mean_rows if row is not None]
@@ -254,7 +254,7 @@ def _with_current_labels(before: list[Job], after: list[Job]) -> list[Job]:
 
 def _identity(job: Job) -> tuple[str, ...]:
     """Material, codec and settings of a finished job, whatever its label."""
-    return job["material"], job["codec"], json.dumps(job["fit_key"]["settings"], sort_keys=True)
+    return job["material"], method_of(job), json.dumps(job["fit_key"]["settings"], sort_keys=True)
 
 
 def check_whole(base: Run) -> None:

@@ -45,6 +45,7 @@ from bench.records import (
     grouped,
     kind_of,
     load_warned,
+    method_of,
     usual_batch,
     view,
 )
@@ -95,7 +96,8 @@ def frame_of(run: Run, records: bool = True) -> "pd.DataFrame":
 
 def line_of(job: Job) -> str:
     """The line of a job: its codec's name; a codec as published has its own line."""
-    return f"{job['codec']}, as published" if as_published(job) else job["codec"]
+    method = method_of(job)
+    return f"{method}, as published" if as_published(job) else method
 
 
 def settings_in(label: str) -> list[str]:
@@ -176,7 +178,7 @@ def values_of(run: Run, on_gpu: Mapping[str, Timing] | None = None, records: boo
         of_job: _Row = {
             "material": job["material"],
             "surface": surfaces.get(job["material"], ""),
-            "codec": job["codec"],
+            "codec": method_of(job),
             "recipe": str(job.get("settings", {}).get("recipe", "")),
             "line": line_of(job),
             "label": job["label"],

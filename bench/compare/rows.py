@@ -12,7 +12,7 @@ from bench.codecs.alike import obstacles
 from bench.compare.paired import interval_between_runs
 from bench.compare.quantities import MAIN, deciding, undeciding
 from bench.compare.verdicts import Change, Verdict, is_random, judge, other_settings, why_unlike
-from bench.records import CONDITIONS, Job, Run, Timing, by_row
+from bench.records import CONDITIONS, Job, Run, Timing, by_row, method_of
 
 FACTOR = 1.25  # a smaller change of a ratio is not mentioned
 ABSENT = "no such job in the run"
@@ -75,7 +75,7 @@ class ComparedRow:
 
     material: str
     label: str
-    codec: str
+    method: str
     verdict: Verdict
     why: str = ""
     seeds: tuple[int, ...] = ()  # the seeds that the means are over
@@ -148,7 +148,7 @@ def compare_row(
     `runs` are base and new. A verdict on jobs that failed or vanished precedes that on numbers, which are shown.
     """
     any_job, *_ = [*before, *after]
-    row = any_job["material"], any_job["label"], any_job["codec"]
+    row = any_job["material"], any_job["label"], method_of(any_job)
     finished = [job for job in before if job["status"] == "ok"]
     new = [job for job in after if job["status"] == "ok"]
     unfinished, why = _verdict_on_unfinished(finished, after, declared)  # None and "" unless jobs failed or vanished

@@ -39,6 +39,7 @@ from bench.records.meaning import (
     grouped,
     kind_of,
     kind_order,
+    method_of,
     metrics_of,
     pictures_are_free,
     planned_jobs,

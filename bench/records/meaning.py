@@ -50,7 +50,7 @@ class PlannedJob(NamedTuple):
 
     name: str
     material: str
-    codec: str
+    method: str  # as `method_of` says it of a record
     label: str
     seed: int | None
 
@@ -60,8 +60,13 @@ def planned_jobs(start: RunStart) -> Iterator[PlannedJob]:
     for name in start.get("jobs", []):
         material, _, rest = name.partition("/")
         label, _, seed = rest.rpartition("/")
-        codec, *_ = label.split() or [""]
-        yield PlannedJob(name, material, codec, label, int(seed) if seed.isdecimal() else None)
+        method, *_ = label.split() or [""]
+        yield PlannedJob(name, material, method, label, int(seed) if seed.isdecimal() else None)
+
+
+def method_of(job: Job) -> str:
+    """The name by which tables know the method of a job: its codec's, or what the suite calls the codec `command`."""
+    return job.get("called", job["codec"])
 
 
 MEASURED, PATH_TRACED, RENDERED = "measured", "path-traced", "rendered"

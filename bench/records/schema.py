@@ -252,6 +252,7 @@ class Job(Open, total=False):
     run: Annotated[Text, RESULTS | NAMES | APART, Needed("tables"), Needed("verification")]
     material: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
     codec: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
+    called: Annotated[Name, PUBLISHED | NAMES | APART]  # what its suite calls the codec `command`; absent of others
     label: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
     curve: Annotated[Name, RESULTS | NAMES, Needed("verification")]  # of sizes: the label without swept settings
     seed: Annotated[Count, PUBLISHED | NAMES | APART, MUST]

@@ -43,6 +43,7 @@ from bench.records import (
     Run,
     RunStart,
     kept,
+    method_of,
     metrics_of,
 )
 from bench.records.schema import job_name
@@ -332,6 +333,8 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     words = label.removeprefix(called).split()  # each is KEY=VALUE
     if label != " ".join([called, *words]) or not _are_settings_of(header, words, unlabelled):
         yield f"label is {label!r}, but the file's codec and settings have another label"
+    if method_of(claimed) != called:
+        yield f"it is called {method_of(claimed)!r}, but the file's codec {called!r}"
     words_of_curve = curve.removeprefix(called).split()
     if curve != " ".join([called, *words_of_curve]) or not set(words_of_curve) <= set(words):
         yield f"curve is {curve!r}, which does not belong to the label"

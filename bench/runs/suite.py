@@ -68,9 +68,14 @@ class CodecSpec:
     seeds: Seeds = ()  # of its repetitions; empty: those of the suite
 
     @property
+    def called(self) -> str:
+        """What tables call the codec: its name, or that which the suite gives the codec `command`."""
+        return str(self.settings.get("called", COMMAND)) if self.codec == COMMAND else self.codec
+
+    @property
     def label(self) -> str:
         """The row's name in tables: `pca components=16`."""
-        return _label(self.codec, self.settings)
+        return self._label(self.settings)
 
     @property
     def curve(self) -> str:
@@ -79,17 +84,16 @@ class CodecSpec:
         `scene` stays even if it is swept: models of a scene have a curve of their own.
         """
         fixed = {key: value for key, value in self.settings.items() if key not in self.swept or key == "scene"}
-        return _label(self.codec, fixed)
+        return self._label(fixed)
 
-
-def _label(codec: str, settings: dict[str, Any]) -> str:
-    """The name of a codec with settings, sorted by name: `pca bits=8 components=4`."""
-    words = [settings.get("called", codec) if codec == COMMAND else codec]
-    for key, value in sorted(settings.items()):
-        if codec == COMMAND and key in UNLABELLED:  # the user names it: command lines are no useful name
-            continue
-        words.append(f"{key}={as_typed(value)}")
-    return " ".join(words)
+    def _label(self, settings: dict[str, Any]) -> str:
+        """The name of the codec with some settings, sorted by name: `pca bits=8 components=4`."""
+        words = [self.called]
+        for key, value in sorted(settings.items()):
+            if self.codec == COMMAND and key in UNLABELLED:  # the user names it: command lines are no useful name
+                continue
+            words.append(f"{key}={as_typed(value)}")
+        return " ".join(words)
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,8 @@ class Task:
     @property
     def base(self) -> Job:
         """The fields with which each record of this job begins."""
-        return {
+        called: Job = {"called": self.codec.called} if self.codec.codec == COMMAND else {}
+        return called | {
             "kind": "job",
             "job": self.name,
             "run": self.run,

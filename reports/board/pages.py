@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from bench.compare.frame import line_of
-from bench.records import kind_of, kind_order, pictures_are_free
+from bench.records import kind_of, kind_order, method_of, pictures_are_free
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
@@ -51,7 +51,7 @@ class Board:
         for source in self.sources:
             names |= _codec_names(source.materials)
             for job in source.run.jobs:
-                self.codec_of |= dict.fromkeys((job["label"], line_of(job)), job["codec"])
+                self.codec_of |= dict.fromkeys((job["label"], line_of(job)), method_of(job))
                 if "pictures" in job or "drawing" in job:  # stored slices, or a model that the page draws live
                     self.materials_with_pictures.add(job["material"])
         self.codecs = sorted(names)
@@ -237,7 +237,7 @@ def _looks(sources: Sequence[Publication], plots: Sequence[series.Plot]) -> seri
 
 def _codec_names(materials: Sequence[MaterialRows]) -> set[str]:
     """The names of the codecs that have a row of some materials."""
-    return {row.job["codec"] for material in materials for row in material.rows}
+    return {method_of(row.job) for material in materials for row in material.rows}
 
 
 def _front_order(source: Publication) -> tuple[bool, int]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import pandas as pd
 
+from bench.records import method_of
 from reports import by_material
 from reports.board.sources import STATES, Publication
 from reports.numbers import NONE
@@ -60,7 +61,7 @@ def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
         for material in source.materials:
             measures = by_material.in_short(material)
             headers_of_numbers = [(measure.name, measure.unit) for measure in measures]
-            of_codec = [row for row in material.rows if row.job["codec"] == name]
+            of_codec = [row for row in material.rows if method_of(row.job) == name]
             for row, numbers in zip(of_codec, _number_cells(of_codec, measures), strict=True):
                 rows.append([material.name, source.title, row.label, *numbers, *_origin_cells(source, row)])
     if not rows:

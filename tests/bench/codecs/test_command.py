@@ -58,7 +58,7 @@ def test_programs_are_scored_as_a_codec_is(tmp_path, capsys):
     assert cli.main(["run", suite(tmp_path), "--out", str(tmp_path / "run")]) == 0
     run = load_run(tmp_path / "run")
     mine, known = run.job("satin/mine/0"), run.job("satin/mean-colour/0")
-    assert mine["status"] == "ok"
+    assert (mine["status"], mine["codec"], mine["called"]) == ("ok", "command", "mine")
     assert mine["bytes"]["texture"] == 12 * 12 * 3 * 2 + len("12 12")  # the files, to the byte
     assert mine["bytes"]["total"] == (tmp_path / "run" / mine["file"]).stat().st_size
     ours, theirs = (job["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"] for job in (mine, known))

@@ -56,6 +56,13 @@ def write(tmp_path):
     return written
 
 
+def test_two_programs_behind_the_codec_command_are_two_methods(write):
+    command = {"codec": "command", "settings": {"seconds": 3600.0}}
+    folder = write(*(job(f"{name} seconds=9", **command, called=name) for name in ("mine", "theirs")), job("pca"))
+    frame = bench.load_runs(folder)
+    assert list(frame["codec"]) == list(frame["line"]) == ["mine", "theirs", "pca"]
+
+
 def test_a_row_names_its_job_and_has_its_numbers(write):
     published = {"settings": {"recipe": "paper"}, "fit_key": {"version": 3, "threads": 1}}
     provenance = {"provenance": {"path_version": 1}}
