@@ -35,11 +35,14 @@ class Styles:
 
     def __init__(self, jobs: Collection[Job]):
         self.codec_of: dict[str, str] = {}  # by label, ladder of rates and line of budgets, the name of the codec
-        self.labels_of_codec: dict[str, dict[str, None]] = {}  # each once, in the order of the suite
+        self.labels_of_codec: dict[str, list[str]] = {}  # each once, in the order of the suite
         for job in jobs:
             label, codec = job["label"], method_of(job)
-            self.codec_of |= dict.fromkeys((label, job.get("curve", codec), line_of(job)), codec)
-            self.labels_of_codec.setdefault(codec, {})[label] = None
+            for name in (label, job.get("curve", codec), line_of(job)):
+                self.codec_of[name] = codec
+            labels = self.labels_of_codec.setdefault(codec, [])
+            if label not in labels:
+                labels.append(label)
         self.outside_codecs = list(filter(is_own, self.labels_of_codec))
 
     def of_codec(self, label: str) -> dict[str, Any]:
@@ -49,7 +52,7 @@ class Styles:
         lacks. Codecs from outside lie in a higher layer, so that they are drawn above others.
         """
         codec = self.codec_of.get(label, label)
-        labels = list(self.labels_of_codec.get(codec, []))
+        labels = self.labels_of_codec.get(codec, [])
         # A ladder of rates is named after its codec and has no label of its own: it looks like the first setting.
         setting = labels.index(label) if label in labels else 0
         codecs: Sequence[str]

@@ -75,7 +75,7 @@ class ComparedRow:
 
     material: str
     label: str
-    method: str
+    method: str  # the name of the codec, as `method_of` says it; of a mean row, its label
     verdict: Verdict
     why: str = ""
     seeds: tuple[int, ...] = ()  # the seeds that the means are over

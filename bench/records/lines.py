@@ -156,7 +156,10 @@ class Run:
     def start_of(self, record: Mapping[str, Any]) -> RunStart:
         """The start that measured a job or a timing: the last one, if it names none; empty if it is not here."""
         name = record.get("run", "")
-        return next((start for start in reversed(self.starts) if not name or start.get("run") == name), RunStart())
+        for start in reversed(self.starts):
+            if not name or start.get("run") == name:
+                return start
+        return RunStart()
 
     def machine(self, timing: Timing) -> Machine:
         """The machine on which a timing was taken; empty if it is not known."""

@@ -153,8 +153,7 @@ class Task:
     @property
     def base(self) -> Job:
         """The fields with which each record of this job begins."""
-        called: Job = {"called": self.codec.called} if self.codec.codec == COMMAND else {}
-        return called | {
+        record: Job = {
             "kind": "job",
             "job": self.name,
             "run": self.run,
@@ -165,6 +164,9 @@ class Task:
             "seed": self.repetition,
             "split": self.data.split,
         }
+        if self.codec.codec == COMMAND:
+            record["called"] = self.codec.called
+        return record
 
 
 def builtin_suites() -> dict[str, str]:

@@ -51,7 +51,7 @@ class Board:
         for source in self.sources:
             names |= _codec_names(source.materials)
             for job in source.run.jobs:
-                self.codec_of |= dict.fromkeys((job["label"], line_of(job)), method_of(job))
+                self.codec_of[job["label"]] = self.codec_of[line_of(job)] = method_of(job)
                 if "pictures" in job or "drawing" in job:  # stored slices, or a model that the page draws live
                     self.materials_with_pictures.add(job["material"])
         self.codecs = sorted(names)

@@ -104,6 +104,7 @@ def put(path, value):
         long("metrics/psnr_display/version", 9),
         ("parameters", 5),
         ("label", "pca"),
+        ("called", "mine"),
         long("label", "pcacomponents=4"),
         long("curve", "vq"),
     ],
