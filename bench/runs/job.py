@@ -212,7 +212,9 @@ class Attempt:
         header, fit_facts = self._file_and_facts()
         key = score_key(self.workbench, header)
         if earlier.get("score_key") == key:  # nothing that its numbers depend on has changed
-            return Outcome(earlier, "record")
+            if earlier.get("curve") == self.task.codec.curve:
+                return Outcome(earlier, "record")
+            return Outcome({**earlier, "curve": self.task.codec.curve}, "file")  # the suite sweeps other settings now
         record: Job = {**self.task.base, "fit_key": self.fit_key, "machine": machine()}
         record |= fit_facts
         record |= {"status": "ok", "score_key": key, "file": self.file, "scored": revision_and_time()}

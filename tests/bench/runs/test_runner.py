@@ -111,6 +111,15 @@ def test_a_second_run_does_nothing_again_but_the_timing(tmp_path):
     assert [o.cached for o in outcomes(tmp_path, fresh=True)] == ["", ""]
 
 
+def test_a_file_that_becomes_a_rung_of_a_sweep_joins_its_curve_without_a_new_score(tmp_path, monkeypatch):
+    spec = CODECS[1]
+    (before,) = outcomes(tmp_path, replace(SUITE, codecs=(spec,)))
+    monkeypatch.setattr("bench.runs.job.evaluate", None)  # a new score would fail
+    (after,) = outcomes(tmp_path, replace(SUITE, codecs=(replace(spec, swept=("components",)),)))
+    assert (before.record["curve"], after.record["curve"]) == ("pca components=4", "pca")
+    assert load_run(tmp_path).jobs[0] == after.record == before.record | {"curve": "pca"}
+
+
 @pytest.mark.long
 def test_a_changed_metric_scores_again_and_fits_nothing(tmp_path, monkeypatch):
     outcomes(tmp_path)
