@@ -189,10 +189,11 @@ class MaterialSpec:
         """Raise `InputError` for a name or a path that no record or file name can hold."""
         if not self.name.strip():
             raise InputError(f"materials: name {self.name!r} is blank: give a name, or leave it out beside a path")
-        # Python holds bytes of a name that are not UTF-8 as single surrogates, which do not encode.
-        printable_path = self.path.encode("utf-8", "backslashreplace").decode()
-        if printable_path != self.path:
-            raise InputError(f"{printable_path}: its name is not UTF-8, so no record can hold it: rename it")
+        for text in (self.path, self.name):
+            # Python holds bytes of a name that are not UTF-8 as single surrogates, which do not encode.
+            printable = text.encode("utf-8", "backslashreplace").decode()
+            if printable != text:
+                raise InputError(f"{printable}: its name is not UTF-8, so no record can hold it: rename it")
         length = len(self.name.encode())
         if length > MOST_NAME:
             raise InputError(
@@ -223,7 +224,9 @@ class MaterialSpec:
 def named(material: str) -> MaterialSpec:
     """The material that a string such as a command's argument names: a path if it looks like one or exists, else a
     built-in name, which need not exist."""
-    at_path = MaterialSpec(Path(material).name or material, material)  # the path / has no name of its own
+    # The paths `.` and `..` have names only when they are written out, and / has none. A link keeps its own.
+    written_out = os.path.abspath(material) if material else ""
+    at_path = MaterialSpec(os.path.basename(written_out) or material, material)
     looks_like_path = os.sep in material or Path(material).suffix != ""
     if looks_like_path or at_path.existing_path():
         return at_path

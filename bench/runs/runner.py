@@ -386,10 +386,10 @@ def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show:
     """
     materials = {}
     for job in jobs:
-        material = without_warnings(material_of_job(folder, job, device))
-        if material.opaque:  # another program answers: its time would be that of exchanging files
-            continue
-        try:  # scoring asked for the pairs of the BTF, timing asks for any directions
+        try:  # a file may not load, and timing asks for any directions, where scoring asked for the pairs of the BTF
+            material = without_warnings(material_of_job(folder, job, device))
+            if material.opaque:  # another program answers: its time would be that of exchanging files
+                continue
             material.query(*timing.random_queries(timing.batch_on(device), torch.device(device)))
         except Exception as error:  # the results of all others must not be lost with it
             log.warning("%s: not timed: %s: %s", job["job"], type(error).__name__, error)

@@ -25,7 +25,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from bench.inputs.errors import InputError, did_you_mean, installed
+from bench.inputs.errors import InputError, did_you_mean, installed, said_by
 from bench.machine.devices import is_gpu
 from bench.material import Material, Wrapped
 from bench.program.llvm import unusable
@@ -192,9 +192,9 @@ class _Compiled(Wrapped):
         except torch._dynamo.exc.TorchDynamoException as error:
             from torch._inductor.runtime.cache_dir_utils import cache_dir
 
-            last = str(error).strip().splitlines()[0]
             # A process that is killed while compiling leaves an incomplete library in the cache.
-            raise InputError(f"torch.compile failed ({last}): remove its cache, {cache_dir()}, or use eager") from error
+            remedy = f"remove its cache, {cache_dir()}, or use eager"
+            raise InputError(f"torch.compile failed ({said_by(error)}): {remedy}") from error
         return rgb
 
 

@@ -58,12 +58,14 @@ def modules() -> dict[str, str]:
 def in_groups(known: dict[str, str]) -> str:
     """The commands of `modules` in groups, each with a line that says what it does."""
     ours: set[str] = set().union(*GROUPS.values())
+    groups = dict(GROUPS)
     others = tuple(name for name in known if name not in ours)
-    groups = GROUPS | ({"commands of methods": others} if others else {})
+    if others:
+        groups["commands of methods"] = others
     lines = []
     for group, names in groups.items():
         lines.append(f"{group}:")
-        lines += [f"  {name:<12}{first_line(known[name])}" for name in names if name in known]
+        lines += [f"  {name:<11} {first_line(known[name])}" for name in names]
     return "\n".join(lines)
 
 

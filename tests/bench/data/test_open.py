@@ -26,10 +26,19 @@ def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):
 def test_a_name_that_no_record_or_file_of_results_can_hold_is_refused_in_one_line():
     with pytest.raises(InputError, match=r"^data/bad\\udcff\.npz: .*UTF-8") as caught:
         open_named("data/bad\udcff.npz", {})
+    with pytest.raises(InputError, match="not UTF-8"):
+        MaterialSpec("bad\udcff")
     assert str(caught.value).encode()  # the message can be recorded itself
     named("data/" + "a" * 196 + ".npz")
     with pytest.raises(InputError, match=r"a\.npz: .*\b201\b"):
         named("data/" + "a" * 197 + ".npz")
+
+
+def test_a_folder_by_its_dots_has_the_name_that_it_has_elsewhere(tmp_path, monkeypatch):
+    inside = tmp_path / "wool" / "old"
+    inside.mkdir(parents=True)
+    monkeypatch.chdir(inside)
+    assert [named(path).name for path in (".", "..", "../old/", "/")] == ["old", "wool", "old", "/"]
 
 
 def test_what_the_data_declare_held_out_are_test_pairs(tmp_path):

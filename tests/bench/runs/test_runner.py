@@ -215,11 +215,13 @@ def test_lost_arrays_are_made_again_of_the_files(tmp_path):
 
 
 @pytest.mark.long
-def test_what_was_put_in_a_files_place_is_not_timed(tmp_path):
+def test_what_was_put_in_a_files_place_is_not_timed_and_costs_no_other_time(tmp_path, caplog):
     mean, pca = (outcome.record for outcome in outcomes(tmp_path))
     (tmp_path / pca["file"]).write_bytes((tmp_path / mean["file"]).read_bytes())
     with pytest.raises(ContainerError, match="tiny/pca components=4/0"):
         material_of_job(tmp_path, pca, "cpu")
+    assert [row["job"] for row in runner.timings_here(tmp_path, [pca, mean], "cpu", 1)] == [mean["job"]]
+    assert f"{pca['job']}: not timed: ContainerError" in caplog.text
 
 
 @pytest.mark.long
