@@ -57,7 +57,7 @@ Picture = tuple[str, str]  # the label of a codec ("" for the truth), and the wo
 def document(
     template: str,
     title: str,
-    codecs: series.Series,
+    looks: series.Series,
     plots: Sequence[series.Plot],
     values: Mapping[str, object],
     data: Iterable[Data] = (),
@@ -65,7 +65,7 @@ def document(
     """The text of a page in pieces, because the whole text at once would take several times its size in memory.
 
     `template` is the name of a file in `reports/templates/`, which is filled with `values`. The page's elements of
-    data follow: `data`, then one that has `codecs` (how each is drawn) and `plots`. `data` is read only as the pieces
+    data follow: `data`, then one that has `codecs`, the `looks`, and `plots`. `data` is read only as the pieces
     are, so each element is made when its turn comes.
     """
     viewer_css, viewer_script = fragment()
@@ -73,14 +73,14 @@ def document(
     styles = [(folder / "report.css").read_text("utf-8"), viewer_css]
     scripts = [viewer_script]
     scripts += [(folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
-    all_data = chain(data, _plot_data(codecs, plots))
+    all_data = chain(data, _plot_data(looks, plots))
     page = TEMPLATES.get_template(template)
     return page.generate(values, title=title, styles=styles, scripts=scripts, data=all_data)
 
 
-def _plot_data(codecs: series.Series, plots: Sequence[series.Plot]) -> Iterator[Data]:
+def _plot_data(looks: series.Series, plots: Sequence[series.Plot]) -> Iterator[Data]:
     """One element: the plots, with five digits of each number, and what the page's code needs to draw them."""
-    content = {"codecs": codecs, "plots": rounded(plots, 5), "width": WIDTH, "magma": MAGMA.tolist()}
+    content = {"codecs": looks, "plots": rounded(plots, 5), "width": WIDTH, "magma": MAGMA.tolist()}
     yield Data("data", as_json(content))
 
 
@@ -130,7 +130,7 @@ class Page:
         """The text of the page in pieces; its title names the suite that the run's last start measured."""
         suite = self.run.starts[-1].get("suite", "") if self.run.starts else ""
         title = f"neubtf-bench {suite}".strip()
-        return document("report.html", title, series.codecs(self.run), self.plots, {"page": self}, self.data())
+        return document("report.html", title, series.looks(self.run), self.plots, {"page": self}, self.data())
 
     def data(self) -> Iterator[Data]:
         """The elements of data, to which the page refers by their ids: slices (`slices0`) and live models (`live0-1`)

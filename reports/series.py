@@ -33,19 +33,19 @@ _DASHES = {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}  # lines of Matplotlib as S
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the PSNR of slices
 
 
-def codecs(run: Run, lines: Iterable[str] = ()) -> Series:
+def looks(run: Run, lines: Iterable[str] = ()) -> Series:
     """How each codec that has a result is drawn, in the order of the suite, after the `lines` of budgets, if any.
 
     An entry has its `label`, `colour`, `marker` (in Matplotlib's letters), whether the marker is `hollow`, and its
     `dash` ("" for a full line).
     """
     styles = Styles(run.jobs)
-    looks = {line: styles.of_line(line) for line in lines}
+    look_of = {line: styles.of_line(line) for line in lines}
     for material in materials(run):
         for codec in material.codecs:
-            looks.setdefault(codec.label, styles.of_codec(codec.label))
+            look_of.setdefault(codec.label, styles.of_codec(codec.label))
     entries = []
-    for label, look in looks.items():
+    for label, look in look_of.items():
         entry = {"label": label, "colour": look["color"], "marker": look["marker"]}
         entry["hollow"] = look["markerfacecolor"] != look["color"]
         entry["dash"] = _DASHES.get(look["linestyle"], "")

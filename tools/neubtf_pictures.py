@@ -202,12 +202,10 @@ def lit_from(pair: Any) -> str:
     return f"seen from {view:g}°,\n{words}" if view else words
 
 
-def grid(
-    rows: Sequence[Sequence[Array]], titles: Sequence[str], names: Sequence[str], side: float = 1.9, text: float = 8
-) -> Figure:
-    """Pictures in rows and columns, each `side` inches wide; titles above and names beside have `text` points."""
+def grid(rows: Sequence[Sequence[Array]], titles: Sequence[str], names: Sequence[str], side: float = 1.9) -> Figure:
+    """Pictures in rows and columns, each `side` inches wide, with titles above and names beside."""
     pixels_high, pixels_wide, _ = rows[0][0].shape
-    line = text / 27  # inches
+    line = LARGE / 27  # inches
     lines = 1 + max(title.count("\n") for title in titles)
     width = side * len(titles) + line
     height = side * pixels_high / pixels_wide * len(rows) + lines * line
@@ -219,9 +217,9 @@ def grid(
             axes.imshow(picture, interpolation="nearest")
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_visible(False)
-        axes_row[0].set_ylabel(name, fontsize=text)
+        axes_row[0].set_ylabel(name, fontsize=LARGE)
     for axes, title in zip(every[0], titles, strict=True):
-        axes.set_title(title, fontsize=text)
+        axes.set_title(title, fontsize=LARGE)
     return figure
 
 
@@ -248,7 +246,7 @@ def draw_propagation(bench: Bench) -> None:
                 row.append(to_display(decoded(material, btf, pair), shown))
         rows.append(row)
     titles = ["guidance", "truth,\nlit aslant", *FITS.values(), "truth,\nseen aslant", *FITS.values()]
-    figure = grid(rows, titles, labels, text=LARGE)
+    figure = grid(rows, titles, labels)
     middle = SIZE / 2 - 0.5
     for axes in figure.axes:  # two sides of the quarter
         dashed = {"color": "white", "linewidth": 0.8, "linestyle": (0, (3, 3))}
@@ -273,7 +271,7 @@ def draw_photograph(bench: Bench) -> None:
             rows.append([each[:200, :300] for each in pictures])
             names.append(f"{what},\n{recipe}")
     titles = ["photograph,\na part", *map(lit_from, PAIRS[:3])]
-    bench.save(grid(rows, titles, names, 2.4, LARGE), "photograph.jpg")
+    bench.save(grid(rows, titles, names, 2.4), "photograph.jpg")
 
 
 def draw_tileable(bench: Bench) -> None:
@@ -293,7 +291,7 @@ def draw_tileable(bench: Bench) -> None:
         side = min(tile.shape[:2])
         row.append(tile[:side, :side])
     least = min(picture.shape[0] for picture in row)
-    bench.save(grid([[picture[:least, :least] for picture in row]], titles, [""], 3.4, LARGE), "tileable.jpg")
+    bench.save(grid([[picture[:least, :least] for picture in row]], titles, [""], 3.4), "tileable.jpg")
 
 
 def draw_edits(bench: Bench) -> None:
@@ -307,7 +305,7 @@ def draw_edits(bench: Bench) -> None:
         for kind, recipe in FITS.items():
             rows.append(shots(bench.quarter(name, kind), grey(structure), Treatment(), EDITED))
             names.append(f"{what},\n{recipe}")
-    bench.save(grid(rows, ["guidance", *map(lit_from, EDITED)], names, 2.3, LARGE), "edits.jpg")
+    bench.save(grid(rows, ["guidance", *map(lit_from, EDITED)], names, 2.3), "edits.jpg")
 
 
 def draw_published(bench: Bench) -> None:
@@ -327,7 +325,7 @@ def draw_published(bench: Bench) -> None:
             rows.append([each[:160, :200] for each in pictures])
             names.append(what)
         print_levels(name, levels(source, btf, btf.shape))
-    bench.save(grid(rows, ["guidance", *map(lit_from, EDITED)], names, 2.3, LARGE), "published.jpg")
+    bench.save(grid(rows, ["guidance", *map(lit_from, EDITED)], names, 2.3), "published.jpg")
 
 
 def hexagons(side: float, joint: float) -> Array:

@@ -134,13 +134,10 @@ def _evenly_spread(layout: Layout, pairs: int) -> Array:
         return _random_indices(len(layout.view), pairs)
     views, lights = len(layout.views), len(layout.lights)
     # As many directions on both sides, √pairs; a side that has fewer keeps all of them, and the other one takes more.
-    on_smaller_side = min(views, lights, math.isqrt(pairs))
-    if views <= lights:
-        some_views = on_smaller_side
-        some_lights = min(lights, pairs // some_views)
-    else:
-        some_lights = on_smaller_side
-        some_views = min(views, pairs // some_lights)
+    smaller, larger = sorted((views, lights))
+    of_smaller = min(smaller, math.isqrt(pairs))
+    of_larger = min(larger, pairs // of_smaller)
+    some_views, some_lights = (of_smaller, of_larger) if views <= lights else (of_larger, of_smaller)
     view_indices = thin(layout.views, some_views)
     light_indices = thin(layout.lights, some_lights)
     # `grid` (views, lights) holds the index of each pair.

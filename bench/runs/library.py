@@ -337,7 +337,7 @@ def require_same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
         wanted = " × ".join(map(str, btf.shape))
         raise InputError(
             f"{name}: it decodes to {decoded} texels, but {btf.name} has {wanted}: open the BTF as it was encoded, "
-            f"such as with --set data.size={max(size)}, or of measured data --set data.texels={max(size)}"
+            f"such as with --set data.size={max(size)}, or of measured data --set data.texels={min(size)}"
         )
 
 

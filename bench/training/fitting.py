@@ -16,7 +16,6 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any, Literal
 
-import numpy as np
 import torch
 from safetensors.torch import load_file
 from safetensors.torch import save as serialise
@@ -28,9 +27,8 @@ from bench.files import atomic
 from bench.inputs.errors import InputError
 from bench.machine.threads import processor_seconds
 from bench.material import keep_buffers
-from bench.metrics.display import LOG_SCALE, to_display
 from bench.metrics.psnr import psnr as decibels
-from bench.training.display_loss import SHOWN_FROM, DisplayLoss
+from bench.training.display_loss import SHOWN_FROM, DisplayLoss, displayed
 from bench.training.optimiser import Optimisers, ParameterGroup, rate
 from bench.training.replay import Steps
 from bench.training.samples import PROBE, Batch, Samples
@@ -190,13 +188,7 @@ class Objective(nn.Module):
 
 def display_psnr(level: Tensor, target: Tensor) -> float:
     """Display-space PSNR in dB of log radiance against its target."""
-
-    def displayed(log_radiance: Tensor) -> np.ndarray:
-        """Log radiance as sRGB in [0, 1], float64."""
-        linear = log_radiance.double().expm1() / LOG_SCALE
-        return to_display(linear.cpu().numpy(), 1.0)
-
-    error = np.square(displayed(target) - displayed(level)).mean()
+    error = (displayed(level.double()) - displayed(target.double())).square().mean().item()
     # A constant material is fitted exactly; the curve then shows 120 dB, because a record cannot hold infinity.
     return float(decibels(max(error, 1e-12), peak=1.0))
 

@@ -48,7 +48,7 @@ class Muon(torch.optim.Optimizer):
     """Steps matrices by their orthogonalised Nesterov momentum, times the root of rows over columns where above 1."""
 
     def __init__(self, groups: Iterable[ParameterGroup]):
-        super().__init__(groups, {"lr": 0.0})  # until `Optimisers.set_rates` sets the rate of each group
+        super().__init__(groups, {})  # each group has its own rate
         for matrix in _parameters(self.param_groups):
             self.state[matrix] = {"momentum": torch.zeros_like(matrix)}
 
@@ -108,15 +108,14 @@ class Optimisers:
         """Share the groups out to the two optimisers, and make their states, before any step."""
         self.highest = [group["lr"] for group in groups]  # the highest learning rate of each group
         self.optimiser_of_name: dict[str, torch.optim.Optimizer] = {}
-        names: list[str] = []  # of the optimiser that steps each group
+        self.groups: list[ParameterGroup] = []  # in the order of `groups`; the optimisers hold the same dictionaries
         groups_of_name: dict[str, list[ParameterGroup]] = {"adam": [], "muon": []}
         for group in groups:
-            name = "muon" if group.get("hidden") else "adam"
-            names.append(name)
-            groups_of_name[name].append({key: value for key, value in group.items() if key != "hidden"})
+            own = {key: value for key, value in group.items() if key != "hidden"}
+            groups_of_name["muon" if group.get("hidden") else "adam"].append(own)
+            self.groups.append(own)
         if groups_of_name["adam"]:
-            # The rate is 0 until `set_rates` sets that of each group.
-            adam = torch.optim.Adam(groups_of_name["adam"], lr=0.0, fused=True, capturable=records_graphs(device))
+            adam = torch.optim.Adam(groups_of_name["adam"], fused=True, capturable=records_graphs(device))
             self.optimiser_of_name["adam"] = adam
             # Adam makes its state at the first step; made now, it can be saved and restored before any step.
             for parameter in _parameters(adam.param_groups):
@@ -127,9 +126,6 @@ class Optimisers:
                 }
         if groups_of_name["muon"]:
             self.optimiser_of_name["muon"] = Muon(groups_of_name["muon"])
-        # The optimisers' own groups, in the order in which `groups` came: each has its part of them in that order.
-        groups_in_turn = {name: iter(optimiser.param_groups) for name, optimiser in self.optimiser_of_name.items()}
-        self.groups = [next(groups_in_turn[name]) for name in names]
         if records_graphs(device):  # a recorded step reads its rates there
             for group in self.groups:
                 group["lr"] = torch.zeros((), device=device)

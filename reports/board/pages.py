@@ -186,8 +186,8 @@ class MaterialPage(Page):
 
     def pieces(self) -> Iterator[str]:
         """The text of the page in pieces."""
-        codecs = series.codecs(self.run)
-        return document("board_material.html", self.name, codecs, self.plots, {"page": self}, self.data())
+        looks = series.looks(self.run)
+        return document("board_material.html", self.name, looks, self.plots, {"page": self}, self.data())
 
     def links(self) -> list[tuple[str, str]]:
         """The front, and the contents of the page, a section a source: the target of each link, and its text."""
@@ -232,7 +232,7 @@ def _looks(sources: Sequence[Publication], plots: Sequence[series.Plot]) -> seri
     parts: list[tuple[str, Publication, str]] = []
     for source in sources:  # materials of two sources may share a name, so each is named after its source, too
         parts += [(f"{source.name}/{material.name}", source, material.name) for material in source.materials]
-    return [look for look in series.codecs(joined(parts), lines) if look["label"] in labels_in_plots]
+    return [look for look in series.looks(joined(parts), lines) if look["label"] in labels_in_plots]
 
 
 def _codec_names(materials: Sequence[MaterialRows]) -> set[str]:

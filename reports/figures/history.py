@@ -49,7 +49,7 @@ def _figure(material: str, jobs: pd.DataFrame, styles: Styles) -> Figure:
         _draw_lines(axes, jobs, column, starts["started"], styles)
         axes.set_ylabel(name, fontsize=8)
         # The first panel, of PSNR, has the title and the legend of all; bytes and times have logarithmic axes.
-        if axes.get_subplotspec().is_first_row():
+        if axes is panels[0]:
             axes.set_title(title, loc="left")
             legend(axes, axes.lines, [line.get_label() for line in axes.lines])
         else:

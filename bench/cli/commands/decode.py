@@ -29,8 +29,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("file", type=Path)
     add("--like", help="decode at the pairs of this BTF (a built-in material or a path)")
-    add("--directions", help=f"without --like: the set of directions (default: {DIRECTIONS})")
-    add("--count", type=int, help=f"without --like: how many views, and lights, of it (default: {COUNT})")
+    add("--directions", help=f"without --like and --maps: the set of directions (default: {DIRECTIONS})")
+    add("--count", type=int, help=f"without --like and --maps: how many views, and lights, of it (default: {COUNT})")
     add("--maps", action="store_true", help="write its PBR maps as PNG instead (only files of svbrdf)")
     add("--device", default="cpu")
     reading_options(parser)

@@ -65,10 +65,7 @@ def listed() -> dict[str, str]:
 
     The readers of other packages, which are imported for their words, come last.
     """
-    lines = {}
-    for module, file_format in READERS.items():
-        _, _, short_name = module.rpartition(".")  # without the package of a module elsewhere
-        lines[short_name] = file_format
+    lines = dict(READERS)
     try:
         for name, entry in outside.entries(READERS).items():
             lines[name] = outside.description(entry)
@@ -80,8 +77,7 @@ def listed() -> dict[str, str]:
 def _opened_by_built_in(seen: Candidate) -> BTF | None:
     """The BTF of the first built-in reader that knows the format; None if none does."""
     for name in READERS:
-        module = name if "." in name else f"{__name__}.{name}"  # with a dot it is a full name
-        reader = importlib.import_module(module)
+        reader = importlib.import_module(f"{__name__}.{name}")
         btf: BTF | None = reader.opened(seen)
         if btf is not None:
             return btf

@@ -1,16 +1,13 @@
 """Path-traces a Mitsuba scene, an XML file, in which one BSDF is replaced by a codec file."""
 
-import math
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from bench.demand.mitsuba.bsdf import NAME, register
-from bench.demand.mitsuba.scene import loaded, set_variant
+from bench.demand.mitsuba.scene import loaded, sample_angle, set_variant
 from bench.inputs.errors import InputError, did_you_mean, readable
 
 
@@ -28,21 +25,9 @@ def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples
     content = loaded(scene, lambda: mi.load_string(text))
     for shape in content.shapes():
         if isinstance(shape.bsdf(), plugin):
-            shape.bsdf().pixel_angle = _sample_angle(content.sensors()[0], samples)
+            shape.bsdf().pixel_angle = sample_angle(content.sensors()[0], samples)
     colours = np.asarray(mi.render(content, spp=samples or 0))[..., :3]
     return np.concatenate([colours, np.ones_like(colours[..., :1])], 2)
-
-
-def _sample_angle(sensor: Any, samples: int | None) -> float:
-    """The angle that one sample of the pixel in the middle covers, in radians; 0 if all rays are parallel.
-
-    The samples of a pixel share its area, so each has a side 1 / √samples as long. None: the sensor says how many.
-    """
-    middle = mi.Point2f(0.5, 0.5)
-    # Arguments: time, wavelength, place in the picture, place on the lens. The second result is the ray's importance.
-    ray, _ = sensor.sample_ray_differential(0.0, 0.5, middle, middle)
-    apart = dr.maximum(dr.norm(ray.d_x - ray.d), dr.norm(ray.d_y - ray.d))
-    return float(apart[0]) / math.sqrt(samples or sensor.sampler().sample_count())
 
 
 def replaced(scene: Path, bsdf: str, file: Path, repeat: float) -> str:

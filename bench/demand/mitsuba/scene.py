@@ -4,6 +4,7 @@ Each sensor of the file is a frame, so a camera's path is a list of sensors. Onl
 with its shadows; light reflected by other surfaces does not. A unit of a shape's uv is the longer side of the texture.
 """
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,8 @@ class MitsubaScene:
         self.name = path.stem
         self.scene = loaded(path, lambda: mi.load_file(str(path)))
         self.sensors = self.scene.sensors()
+        if any(sample_angle(sensor, samples=1) == 0 for sensor in self.sensors):  # `Points` has an eye for each frame
+            raise InputError(f"{path}: the rays of a sensor are parallel: give it a perspective camera")
         self.bsdf = _chosen(self.scene, path, bsdf)
         sizes = {tuple(map(int, sensor.film().crop_size())) for sensor in self.sensors}
         if len(sizes) > 1:
@@ -104,6 +107,18 @@ def loaded(path: Path, load: Callable[[], Values]) -> Values:
     if not scene.sensors():
         raise InputError(f"{path}: it has no sensor: add a camera")
     return scene
+
+
+def sample_angle(sensor: Values, samples: int | None) -> float:
+    """The angle that one sample of the pixel in the middle covers, in radians; 0 if all rays are parallel.
+
+    The samples of a pixel share its area, so each has a side 1 / √samples as long. None: the sensor says how many.
+    """
+    middle = mi.Point2f(0.5, 0.5)
+    # Arguments: time, wavelength, place in the picture, place on the lens. The second result is the ray's importance.
+    ray, _ = sensor.sample_ray_differential(0.0, 0.5, middle, middle)
+    apart = dr.maximum(dr.norm(ray.d_x - ray.d), dr.norm(ray.d_y - ray.d))
+    return float(apart[0]) / math.sqrt(samples or sensor.sampler().sample_count())
 
 
 def set_variant() -> None:

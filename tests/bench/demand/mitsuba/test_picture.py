@@ -148,7 +148,7 @@ def test_a_footprint_is_that_of_a_pixel(btf, tmp_path):
 
 @pytest.mark.long
 def test_render_replaces_a_bsdf_and_samples_of_a_pixel_share_its_footprint(btf, tmp_path, monkeypatch, capsys):
-    from bench.demand.mitsuba.picture import _sample_angle
+    from bench.demand.mitsuba.scene import sample_angle
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "wall.xml").write_text(WALL)
@@ -174,4 +174,4 @@ def test_render_replaces_a_bsdf_and_samples_of_a_pixel_share_its_footprint(btf, 
     np.testing.assert_allclose(picture, wanted(2 * math.tan(math.radians(15)) / 16 / 2), rtol=1e-3)
     assert apart(wanted(0.0), picture) > 0.02
     from_afar = mi.load_dict({"type": "orthographic"})
-    assert _sample_angle(from_afar, 4) == 0
+    assert sample_angle(from_afar, 4) == 0

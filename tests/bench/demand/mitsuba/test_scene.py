@@ -121,6 +121,8 @@ def test_each_sensor_is_a_frame(tmp_path):
 @with_mitsuba
 def test_what_will_not_do_says_why(tmp_path):
     away = CAMERA.replace('target="0,0,0"', 'target="0.3,-3,0.9"')
+    fov = '<float name="fov" value="40"/><string name="fov_axis" value="x"/>'
+    parallel = CAMERA.replace("perspective", "orthographic").replace(fov, "")
     for parts, bsdf, message in [
         ((CAMERA, CLOTH, PLANE, LAMP), "clot", "did you mean 'cloth'"),
         ((away, CLOTH, PLANE, LAMP), "cloth", "behind the camera"),
@@ -128,6 +130,7 @@ def test_what_will_not_do_says_why(tmp_path):
         ((CAMERA, CLOTH, PLANE), "cloth", "no emitter|no light reaches the side"),
         ((CAMERA, "<bsdf>"), "cloth", "Mitsuba cannot load it"),
         ((CAMERA, CAMERA.replace('"20"', '"30"'), CLOTH, PLANE, LAMP), "cloth", "its sensors differ in size"),
+        ((parallel, CLOTH, PLANE, LAMP), "cloth", "the rays of a sensor are parallel"),
     ]:
         with pytest.raises(InputError, match=message):
             demand_of(written(tmp_path, *parts), bsdf)
