@@ -26,12 +26,18 @@ _NO_VALIDATION = (
 # By kind of table, in the order of a report: why a run may have no table of that kind, in words for a reader.
 WHY_EMPTY = {
     "front": _NO_VALIDATION,
-    "curves": _NO_VALIDATION + "; and a codec needs three settings on a surface to have a curve",
+    "curves": (
+        "no codec has a curve on each surface of this run that reaches 32 bits a texel: that takes three settings of "
+        "it, and scores of validation pairs, as `validation = true` under [data] gives them"
+    ),
     "budgets": _NO_VALIDATION,
     "when": _NO_VALIDATION,
     "ranks": "fewer than two codecs have a rung at 32 bits a texel on each of three or more surfaces",
     "rungs": _NO_VALIDATION,
-    "summary": "fewer than two codecs have numbers that can be compared: `neubtf-bench table main` says why",
+    "summary": (
+        "fewer than two codecs have numbers that can be compared: `neubtf-bench table main` shows what there is, "
+        "`neubtf-bench table unfinished` what failed"
+    ),
     "main": _NO_NUMBERS,
     "slices": _NO_NUMBERS,
     "angular": _NO_NUMBERS,

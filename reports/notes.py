@@ -346,8 +346,8 @@ def left_out_notes(run: Run, materials: Iterable[MaterialRows]) -> Iterator[str]
     without_time = [row for row in rows if not row.obstacle and row.time_left_out]
     beginning = f"Left out, as not comparable with {standard_in_words(run)}"
     yield from _reasons_note(beginning, grouped(left_out, lambda row: row.obstacle))
-    yield from _reasons_note("Times left out", grouped(without_time, lambda row: row.timing_obstacle))
-    yield from _reasons_note("Times with a star", grouped(with_star, lambda row: row.timing_obstacle))
+    for beginning, timed in (("Times left out", without_time), ("Times with a star", with_star)):
+        yield from map(about_times, _reasons_note(beginning, grouped(timed, lambda row: row.timing_obstacle)))
 
 
 def _reasons_note(beginning: str, rows_by_reason: Mapping[str, list[Row]]) -> Iterator[str]:

@@ -19,8 +19,8 @@ def integer(value: int | None) -> str:
 
 
 def fixed(value: float | None, digits: int) -> str:
-    """A number with `digits` decimals and with separators: 1,234.50."""
-    return NONE if value is None else f"{value:,.{digits}f}"
+    """A number with `digits` decimals and with separators: 1,234.50, −0.04."""
+    return NONE if value is None else f"{value:,.{digits}f}".replace("-", "−")
 
 
 def significant(value: float | None, digits: int = 3) -> str:

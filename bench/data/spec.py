@@ -109,13 +109,14 @@ class Preparation:
         """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, all lights of a view
         together. `InputError` for an unknown direction set, or for more directions than it has."""
         if self.directions not in DIRECTION_SETS:
-            raise InputError(f"unknown direction set {self.directions!r}: there are {', '.join(DIRECTION_SETS)}")
+            known = ", ".join(DIRECTION_SETS)
+            raise InputError(f"data.directions: unknown direction set {self.directions!r}: there are {known}")
         directions = DIRECTION_SETS[self.directions]()
-        counts = (self.views, self.lights)
-        if not all(1 <= count <= len(directions) for count in counts):
-            most = f"the {len(directions)} of {self.directions}"
-            raise InputError(f"views and lights must be between 1 and {most}, not {counts}")
-        return thinned_product(directions, *counts)
+        for key, count in (("views", self.views), ("lights", self.lights)):
+            if not 1 <= count <= len(directions):
+                most = f"the {len(directions)} of {self.directions}"
+                raise InputError(f"data.{key} must be from 1 to {most}, not {count}")
+        return thinned_product(directions, self.views, self.lights)
 
     def heldout_pairs(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
         """`wo` and `wi` (heldout, 3) float32 of the held-out pairs, uniform in solid angle up to 75°.

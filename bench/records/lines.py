@@ -243,12 +243,14 @@ def load_together(
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
     The paths in the records of several runs become absolute. Warns of lines that cannot be read, which are left out. If
-    two runs measured the same job, the later one counts; `InputError` if they used different data. Jobs that failed
-    replace none with a result, and jobs with a result that are not `wanted` replace no other job. With `beside`, files
-    of records come first, and a job of a folder that used other data than theirs stands beside theirs under another
-    name, without its timing.
+    two runs measured the same job, the later one counts; `InputError` without any source, and if two used different
+    data. Jobs that failed replace none with a result, and jobs with a result that are not `wanted` replace no other
+    job. With `beside`, files of records come first, and a job of a folder that used other data than theirs stands
+    beside theirs under another name, without its timing.
     """
     paths = [path for source in sources for path in _files_of(Path(source))]
+    if not paths:
+        raise InputError("no run is given: give folders of runs, or files of records")
     if beside:
         paths.sort(key=lambda path: path.suffix != ".jsonl")
     runs = [load_warned(path) for path in paths]

@@ -325,7 +325,10 @@ def _name_and_material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[
         name = type(decoded).__name__
         require_same_size(name, decoded.size, btf)
         return name, decoded
-    slices = decoded if isinstance(decoded, BTF) else open_btf(decoded)
+    slices = decoded
+    if not isinstance(slices, BTF):
+        slices = open_btf(slices)
+        slices.name = str(decoded)  # a folder of decoded slices states the name of the BTF
     require_same_size(slices.name, slices.shape, btf)
     return slices.name, SlicesMaterial(slices, btf)
 

@@ -453,14 +453,14 @@ def _hint(suite: Suite, scope: str, name: str) -> str:
     codecs = {spec.codec for spec in suite.codecs}
     if scope and scope not in codecs:
         return f": it runs no codec {scope!r}{did_you_mean(scope, [*codecs, 'data'])}"
-    setting_keys = {f"data.{each.name}" for each in dataclasses.fields(Preparation)}
+    # How each setting is written by its bare name, because the scope may be forgotten.
+    written = {each.name: f"data.{each.name}" for each in dataclasses.fields(Preparation)}
     for codec in {scope} if scope else codecs:  # without a scope, any codec may be meant
         with suppress(CodecError):  # its jobs fail with this error
-            setting_keys |= setting_names(load_codec(codec))
-    for written in (name, f"data.{name}"):  # the scope may be forgotten
-        near = difflib.get_close_matches(written, sorted(setting_keys), n=1)
-        if near:
-            return f"; did you mean {near[0]!r}?"
+            written |= {setting: setting for setting in setting_names(load_codec(codec))}
+    near = difflib.get_close_matches(name, sorted(written), n=1)
+    if near:
+        return f"; did you mean {written[near[0]]!r}?"
     return ": `neubtf-bench list codecs NAME` shows those of a codec"
 
 

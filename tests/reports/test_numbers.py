@@ -2,7 +2,7 @@ from math import inf
 
 import pytest
 
-from reports.numbers import as_read, significant
+from reports.numbers import as_read, fixed, significant
 
 
 @pytest.mark.parametrize(
@@ -20,6 +20,10 @@ from reports.numbers import as_read, significant
 )
 def test_three_digits_count(value, text):
     assert significant(value) == text
+
+
+def test_a_minus_is_as_wide_as_a_plus():
+    assert fixed(-1234.04, 1) == "−1,234.0"
 
 
 @pytest.mark.parametrize(

@@ -67,3 +67,8 @@ def test_the_papers_table_as_a_frame_has_print_ours_and_their_differences() -> N
 def test_a_kind_that_has_no_numbers_is_refused() -> None:
     with pytest.raises(InputError, match="front"):
         reports.table_values("stress", BUDGETS)
+
+
+def test_without_a_run_there_is_no_table():
+    with pytest.raises(InputError, match="no run is given"):
+        reports.table_values("summary", [])

@@ -209,6 +209,8 @@ def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
     """
     if len(shape) == 4 and shape[-1] == 3 and 0 not in shape and dtype.kind == "f":
         return ""
+    if len(shape) == 4 and shape[0] == 0:
+        return "radiance has no pairs: give at least one"
     remedy = ""
     channels_come_second = len(shape) == 4 and shape[1] == 3 and shape[-1] != 3
     if channels_come_second:

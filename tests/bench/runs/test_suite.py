@@ -158,6 +158,7 @@ def test_a_bad_setting_on_the_command_line_is_named(name):
         ("componets", "did you mean 'components'?"),
         ("heldot", "did you mean 'data.heldout'?"),
         ("pcb.components", "it runs no codec 'pcb'; did you mean 'pca'?"),
+        ("steps", "a setting 'steps': `neubtf-bench list codecs"),  # pca has none, and no key of the data is near
         ("qqqq", "a setting 'qqqq': `neubtf-bench list codecs"),
     ],
 )
