@@ -89,7 +89,8 @@ def _legend(comparison: Comparison) -> list[str]:
 
 
 def _absent_line(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) -> str:
-    """One line on the rows that the new run never had, and the options of the command that compare what it has.
+    """One line on the rows that the new run never had, and the options of the command that compare what it has or,
+    where these would choose an absent row, too, that accept what is gone.
 
     `present` are all other rows.
     """
@@ -97,6 +98,8 @@ def _absent_line(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) 
     codecs = dict.fromkeys(row.method for row in present)
     options = [f"--material {shlex.quote(name)}" for name in materials]
     options += [f"--codec {shlex.quote(name)}" for name in codecs]
+    if any(row.material in materials and row.method in codecs for row in absent):
+        options = [f"--allow {shlex.quote(label)}" for label in dict.fromkeys(row.label for row in absent)]
     remedy = f"; to compare what is there: {' '.join(options)}" if options else ""
     return f"{Verdict.GONE:<7} {len(absent)} rows: {ABSENT}{remedy}"  # as wide as the verdicts of other lines
 

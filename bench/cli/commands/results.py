@@ -157,10 +157,13 @@ def _table_options(path: Path, words: str) -> tuple[argparse.Namespace, str | No
 def _printed_table(path: Path, words: str) -> str:
     """What the command `words` of a document prints, as Markdown: text in a fence, or a Markdown table as it is."""
     options, kind, sources = _table_options(path, words)
-    if kind == "parameters":
-        text = table.parameters_table(sources, options.format, table.choice(options))
-    else:
-        text = table_text(sources, options.format, kind, table.choice(options), options.all)
+    try:
+        if kind == "parameters":
+            text = table.parameters_table(sources, options.format, table.choice(options))
+        else:
+            text = table_text(sources, options.format, kind, table.choice(options), options.all)
+    except InputError as error:
+        raise InputError(f"{path}: `neubtf-bench {words}`: {error}") from error
     if kind and not text.strip():
         text = f"No such table yet: {WHY_EMPTY[kind]}"
     return f"{text}\n" if options.format == "markdown" else f"```\n{text}\n```\n"

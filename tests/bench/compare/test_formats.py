@@ -57,6 +57,10 @@ def test_a_run_of_a_part_is_told_how_to_compare_what_is_there(make):
     text = terminal(compare(base, make.run("new", make.job("pca", seed=0))))
     (said,) = [line for line in text.splitlines() if line.startswith("GONE")]
     assert re.search("3 rows.* --material satin --codec pca$", said)
+    base = make.run("sweep", *(make.job(f"pca components={number}", seed=0) for number in (1, 2, 4, 8)))
+    text = terminal(compare(base, make.run("one", make.job("pca components=4", seed=0))))
+    options = [f"--allow 'pca components={number}'" for number in (1, 2, 8)]  # `--codec pca` would choose them, too
+    assert " ".join(options) in " ".join(text.split())
 
 
 def test_markdown_keeps_its_tables_whole_and_shows_names_as_they_stand(mixed):
