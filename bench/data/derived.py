@@ -137,7 +137,9 @@ def _evenly_spread(layout: Layout, pairs: int) -> Array:
     smaller, larger = sorted((views, lights))
     of_smaller = min(smaller, math.isqrt(pairs))
     of_larger = min(larger, pairs // of_smaller)
-    some_views, some_lights = (of_smaller, of_larger) if views <= lights else (of_larger, of_smaller)
+    some_views, some_lights = of_smaller, of_larger
+    if views > lights:
+        some_views, some_lights = of_larger, of_smaller
     view_indices = thin(layout.views, some_views)
     light_indices = thin(layout.lights, some_lights)
     # `grid` (views, lights) holds the index of each pair.
