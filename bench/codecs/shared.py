@@ -120,14 +120,15 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
 
     An interrupted training resumes from its state, which is kept beside the file until it is finished.
     """
-    # The file that is replaced stays under its hash, because codec files may need it. An unreadable one fails now.
-    replaced = container.read_header(path) if path.exists() else None
+    if path.exists():
+        container.read_header(path)  # an unreadable file fails now, not after hours of training
     make_folder(path.parent)
     state = path.with_name(f"{path.stem}-{_training_key(network, btfs, fit)}.state")
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
     parts.other["fingerprints"] = _bytes_of(btf.fingerprint for btf in btfs)
     parts.other["origins"] = _bytes_of(map(origin, btfs))
-    if replaced is not None:
+    if path.exists():  # codec files may need it; another training may have replaced it meanwhile
+        replaced = container.read_header(path)
         atomic.write(path.with_name(hashed_name(replaced.codec, replaced.sha256)), path.read_bytes())
     header = container.save(path, network, parts)
     state.unlink(missing_ok=True)

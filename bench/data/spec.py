@@ -74,6 +74,13 @@ class Preparation:
 
         Scripts make a `Preparation` directly, past the checks of `changed`, so some fields are checked again here.
         """
+        if self.directions not in DIRECTION_SETS:
+            known = ", ".join(DIRECTION_SETS)
+            raise InputError(f"directions: unknown direction set {self.directions!r}: there are {known}")
+        most = len(DIRECTION_SETS[self.directions]())
+        for key, count in (("views", self.views), ("lights", self.lights)):
+            if not 1 <= count <= most:
+                raise InputError(f"{key} must be from 1 to the {most} of {self.directions}, not {count}")
         if self.bytes_rendered > MOST:
             further = self._further_pairs
             asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {further} pairs"
@@ -107,16 +114,8 @@ class Preparation:
 
     def product(self) -> tuple[Array, Array]:
         """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, all lights of a view
-        together. `InputError` for an unknown direction set, or for more directions than it has."""
-        if self.directions not in DIRECTION_SETS:
-            known = ", ".join(DIRECTION_SETS)
-            raise InputError(f"data.directions: unknown direction set {self.directions!r}: there are {known}")
-        directions = DIRECTION_SETS[self.directions]()
-        for key, count in (("views", self.views), ("lights", self.lights)):
-            if not 1 <= count <= len(directions):
-                most = f"the {len(directions)} of {self.directions}"
-                raise InputError(f"data.{key} must be from 1 to {most}, not {count}")
-        return thinned_product(directions, self.views, self.lights)
+        together."""
+        return thinned_product(DIRECTION_SETS[self.directions](), self.views, self.lights)
 
     def heldout_pairs(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
         """`wo` and `wi` (heldout, 3) float32 of the held-out pairs, uniform in solid angle up to 75°.
