@@ -240,6 +240,8 @@ ATTACKS = [
     ("size = 16", "sise = 16", "data: no key 'sise'; did you mean 'size'?"),
     ("size = 16", "repair = 1", "data: repair must be"),
     ("size = 16", 'split = "tests"', "split"),
+    ("size = 16", 'directions = "ubo"', "data: directions: unknown direction set 'ubo': there are ubo2003, ubo2014"),
+    ("size = 16", "lights = 82", "data: lights must be from 1 to the 81 of ubo2003, not 82"),
     ("[data]\nsize = 16", "data = [1]", "data must be a table"),
     ("threads = 1", "thraeds = 1", "no key 'thraeds'; did you mean 'threads'?"),
     ("threads = 1", "threads = 100000", "threads must be"),
