@@ -75,6 +75,19 @@ def test_a_material_is_two_files_and_the_second_is_found_by_its_hash(tmp_path):
     assert loading.load(header.path)[1].texture.equal(material.texture)
 
 
+def test_a_network_that_is_replaced_while_another_trains_stays_under_its_own_hash():
+    class Overtaken(Tint):
+        def train(self, btfs, fit):
+            self.meanwhile = make(bright=2.0)
+            return super().train(btfs, fit)
+
+    make()
+    slower = Overtaken(bright=3.0)
+    path = shared.make(slower, others(tiny_btf(4, 3, 3)), Fit(), shared.place("tinted")).path
+    kept = path.with_name(shared.hashed_name("tinted", slower.meanwhile.sha256))
+    assert container.read_header(kept).sha256 == slower.meanwhile.sha256
+
+
 def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path):
     with pytest.raises(MissingDataError, match=r"missing.*pretrain tinted"):
         encoded(tmp_path / "file.nbtf")
