@@ -18,12 +18,10 @@ from typing import Any
 from unittest import mock
 from unittest.mock import MagicMock
 
+import authors
 import numpy as np
 import torch
-
-from bench.codec import Fit
-from bench.data.readers import open_btf
-from bench.training import gain_of
+from torch import Tensor
 
 STEPS = 30_000
 PICTURES = 4  # of a step
@@ -70,37 +68,33 @@ def tensors_of(live: Any) -> dict[str, torch.Tensor]:
     return found
 
 
-def encode(btf_file: Path, files: Path, seed: int, threads: int) -> None:
+def encode(btf_file: Path, files: Path, options: argparse.Namespace) -> None:
     """Train on all pairs of a BTF, and write the weights."""
-    torch.manual_seed(seed)
-    torch.set_num_threads(threads)
-    rng = np.random.default_rng(seed)
-    np.random.seed(seed)  # they draw levels by it
-    btf = open_btf(btf_file)
-    gain = gain_of(btf, Fit(torch.device("cpu"), threads, seed=seed))
-    radiance = torch.from_numpy(gain * np.stack([*btf]))  # (pairs, H, W, 3)
-    directions = torch.from_numpy(np.concatenate([btf.wo[:, :2], btf.wi[:, :2]], 1))  # (pairs, 4): x and y of both
-    height, width = btf.shape
-    live = their_model(btf.shape)
+    rng = np.random.default_rng(options.seed)
+    np.random.seed(options.seed)  # they draw levels by it
+    pairs = authors.pairs_of(btf_file, options.seed, options.threads)
+    directions = torch.cat([pairs.views, pairs.lights], 1)
+    count, height, width, _ = pairs.radiance.shape
+    live = their_model((height, width))
     rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     places = torch.stack([(columns + 0.5) / width, 1 - (rows + 0.5) / height])  # (2, H, W): u and v
     location = (2 * places - 1).expand(PICTURES, 2, height, width)
-    radius = base_radius(btf.shape).expand(PICTURES, 1, height, width)
-    for step in range(STEPS):
-        pairs = torch.from_numpy(rng.integers(len(btf), size=(PICTURES, height, width)))
-        queries = directions[pairs].permute(0, 3, 1, 2)
-        truth = radiance[pairs, rows, columns].permute(0, 3, 1, 2)
+    radius = base_radius((height, width)).expand(PICTURES, 1, height, width)
+    for step in range(options.steps):
+        pair = torch.from_numpy(rng.integers(count, size=(PICTURES, height, width)))
+        queries = directions[pair].permute(0, 3, 1, 2)
+        truth = pairs.radiance[pair, rows, columns].permute(0, 3, 1, 2)
         live.train_step((queries, truth, location, radius, radius[:, 0, 0, 0]))
         live.vars.iter_count += 1
         if step % 1000 == 0:
-            print(f"{step} of {STEPS}", file=sys.stderr, flush=True)
+            print(f"{step} of {options.steps}", file=sys.stderr, flush=True)
     arrays = {name: tensor.detach().numpy() for name, tensor in tensors_of(live).items()}
-    np.savez(files / WEIGHTS, size=np.array(btf.shape), gain=np.float32(gain), **arrays)
+    np.savez(files / WEIGHTS, size=np.array([height, width]), gain=np.float32(pairs.gain), **arrays)
 
 
 @torch.no_grad()
 def decode(files: Path) -> None:
-    """Answer queries until there are none, by the protocol of a codec `command` (docs/sharing.md)."""
+    """Answer queries until there are none."""
     with np.load(files / WEIGHTS, allow_pickle=False) as stored:
         arrays = dict(stored)
     height, width = map(int, arrays.pop("size"))
@@ -110,35 +104,16 @@ def decode(files: Path) -> None:
         tensor.copy_(torch.from_numpy(arrays[name]))
     live.vars.iter_count = STEPS  # by which the blur of their textures has faded
     radius = base_radius((height, width))
-    for line in sys.stdin:
-        asked, answered = line.rstrip("\n").split("\t")
-        queries = torch.from_numpy(np.load(asked, allow_pickle=False)).T[None, :, :, None]  # (1, 9, n, 1)
-        location = 2 * queries[:, :2] - 1
-        view, light = queries[:, 2:4], queries[:, 5:7]
-        answers, _ = live.vars.evaluate(
-            torch.cat([view, light], 1), location, radius.expand(location[:, :1].shape), camera_dir=view
-        )
-        np.save(answered, answers[0, :, :, 0].T.numpy() / gain)
-        print(flush=True)
 
+    def evaluate(uv: Tensor, view: Tensor, light: Tensor) -> Tensor:
+        location, seen, lit = (each.T[None, :, :, None] for each in (2 * uv - 1, view, light))  # (1, 2, n, 1)
+        radii = radius.expand(location[:, :1].shape)
+        answers, _ = live.vars.evaluate(torch.cat([seen, lit], 1), location, radii, camera_dir=seen)
+        radiance: Tensor = answers[0, :, :, 0].T / gain
+        return radiance
 
-def main() -> None:
-    """Encode or decode, as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    commands = parser.add_subparsers(dest="command", required=True)
-    encoding = commands.add_parser("encode")
-    encoding.add_argument("btf", type=Path)
-    encoding.add_argument("files", type=Path)
-    encoding.add_argument("--seed", type=int, default=0)
-    encoding.add_argument("--threads", type=int, default=1)
-    decoding = commands.add_parser("decode")
-    decoding.add_argument("files", type=Path)
-    options = parser.parse_args()
-    if options.command == "encode":
-        encode(options.btf, options.files, options.seed, options.threads)
-    else:
-        decode(options.files)
+    authors.answer(evaluate)
 
 
 if __name__ == "__main__":
-    main()
+    authors.main(__doc__.splitlines()[0], encode, decode, STEPS)
