@@ -1,7 +1,7 @@
 """NeuMIP by its authors' own code, as the two programs of a codec `command`.
 
     git clone https://github.com/straintensor/NeuMIP CLONE
-    NEUMIP=CLONE neubtf-bench run tools/authors.toml
+    NEUMIP=CLONE NEURALBTF=... neubtf-bench run tools/authors.toml
 
 Of the clone it uses the model, its training step, and their defaults: 30,000 steps of four pictures, each with a query
 a texel, whose pair is drawn at random. Ours are the pairs and the unit of radiance, which is that of our own fits

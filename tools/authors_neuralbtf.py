@@ -1,7 +1,7 @@
 """NeuralBTF by its authors' own code, as the two programs of a codec `command`.
 
     git clone https://github.com/mandyxmq/NeuralBTF-release CLONE
-    NEURALBTF=CLONE neubtf-bench run tools/authors.toml --codec neuralbtf-authors
+    NEUMIP=... NEURALBTF=CLONE neubtf-bench run tools/authors.toml
 
 Of the clone it uses the model, its loss, how it draws queries, and their defaults: 20,000 steps of ten pictures. Of a
 picture it asks 20 × 20 queries a step, theirs 512 × 512, which would take a core minutes. The pyramid is as theirs of a
