@@ -32,6 +32,8 @@ from bench.codecs.registry import load_codec
 from bench.data.materials.maps import resize
 from bench.data.open import open_material
 from bench.data.spec import Preparation, named
+from bench.demand import still
+from bench.demand.scene import named_scene
 from bench.directions.hemisphere import from_degrees, to_degrees
 from bench.inputs.errors import did_you_mean
 from bench.material import Material
@@ -61,6 +63,9 @@ UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
 SCALES = (1, 3 / 4, 1 / 2, 1 / 4, 1 / 8)
+SEEN_FROM = 3 / 4  # the least scale that a fit by the paper's recipe sees
+BLENDED = 1 / 6  # of each side, so that a picture is tileable
+DRAPE_WIDTH = 320  # pixels
 PAPER: dict[str, Any] = {"recipe": "paper"}
 # End to end from the first step, on single samples alone: the way to a useful encoder in some minutes of one core.
 BRIEF: dict[str, Any] = {"steps": 1800, "direct": 0.0, "taught": 0.0, "explore": 0.1}
@@ -280,7 +285,7 @@ def draw_tileable(bench: Bench) -> None:
     picture = grey(decode_srgb(data.gravel()[100:330, 240:470] / 255))
     pairs = np.array([[direction(wo), direction(wi)] for wo, wi in PAIRS])
     row, titles = [], []
-    for margin, name in ((0.0, "as it is"), (1 / 6, "--make-tileable")):
+    for margin, name in ((0.0, "as it is"), (BLENDED, "--make-tileable")):
         material = guided(source, picture, Treatment(scale=SIZE / CUT, margin=margin))
         ratios = seam_of(material, pairs)
         told = " and ".join(f"{seam.of_mean:.2f}" for seam in ratios)
@@ -294,18 +299,54 @@ def draw_tileable(bench: Bench) -> None:
     bench.save(grid([[picture[:least, :least] for picture in row]], titles, [""], 3.4), "tileable.jpg")
 
 
+class Edit(NamedTuple):
+    """A structure that a material never had, a linear picture (H, W), and what the two are called."""
+
+    name: str
+    structure: Array
+    what: str
+
+
+def edits() -> list[Edit]:
+    """A drawing, a weaver's draft and a photograph, each for one material."""
+    coins = decode_srgb(data.coins()[2:162, 10:210] / 255)
+    return [
+        Edit("brick", hexagons(side=52, joint=6), "a drawing,\nas brick"),
+        Edit("satin", jacquard(thread=26)[:160, :200], "a draft,\nas satin"),
+        Edit("gravel", coins, "coins,\nas gravel"),
+    ]
+
+
 def draw_edits(bench: Bench) -> None:
     """Structures that the materials never had."""
     rows, names = [], []
-    for name, structure, what in (
-        ("brick", hexagons(side=52, joint=6), "a drawing,\nas brick"),
-        ("satin", jacquard(thread=26)[:160, :200], "a draft,\nas satin"),
-        ("gravel", decode_srgb(data.coins()[2:162, 10:210] / 255), "coins,\nas gravel"),
-    ):
+    for name, structure, what in edits():
         for kind, recipe in FITS.items():
             rows.append(shots(bench.quarter(name, kind), grey(structure), Treatment(), EDITED))
             names.append(f"{what},\n{recipe}")
     bench.save(grid(rows, ["guidance", *map(lit_from, EDITED)], names, 2.3), "edits.jpg")
+
+
+def draw_drape(bench: Bench) -> None:
+    """The same structures, tileable, on a cloth over a ball."""
+    scene = still.changed(named_scene("drape"), "environment", 0.5, DRAPE_WIDTH)
+    rows = []
+    for kind in FITS:
+        pictures = []
+        for edit in edits():
+            material = guided(bench.quarter(edit.name, kind), grey(edit.structure), Treatment(margin=BLENDED))
+            (picture,) = still.render(scene, [still.of_material(material)], rays=3)
+            pictures.append(on_white(picture))
+        rows.append(pictures)
+    bench.save(grid(rows, [edit.what for edit in edits()], [*FITS.values()], 3.2), "drape.jpg")
+
+
+def on_white(picture: Array) -> Array:
+    """The rows that show the surface of a rendered picture (H, W, 4), linear, as they are displayed on white."""
+    picture = picture[picture[..., 3].any(1)]
+    share = picture[..., 3:]
+    surface = picture[..., :3] / np.maximum(share, 1e-6)
+    return share * to_display(surface, still.exposure_for(picture)) + 1 - share
 
 
 def draw_published(bench: Bench) -> None:
@@ -350,6 +391,30 @@ def jacquard(thread: int) -> Array:
     return np.where(np.kron(above ^ ~silhouette, np.ones((thread, thread), bool)), 0.45, 0.06)
 
 
+def draw_detail(bench: Bench) -> None:
+    """A smaller picture of the quarter, and smaller guidance, at scales that its fit has seen and has not."""
+    btf = bench.btf("brick")
+    rows, columns = btf.shape
+    source = bench.quarter("brick")
+    own = own_guidance(source)
+    whole = guided(source, own, Treatment(exposure="1"))
+    pair = _near(btf, PAIRS[1])
+    truth, answer = btf[pair][: rows // 2, : columns // 2], decoded(whole, btf, pair)
+    shown = exposure(btf)
+    triptychs, names = [], []
+    for scale in SCALES[1:4]:
+        small = guided(source, own, Treatment(scale=scale, exposure="1"))
+        pictures = [resize(truth, small.size), resize(answer, small.size), decoded(small, btf, pair)]
+        triptychs.append([to_display(picture, shown) for picture in pictures])
+        names.append(f"{scale:g},\n{'seen' if scale >= SEEN_FROM else 'not seen'}")
+    bench.save(grid(triptychs, ["truth↓", "R(A(G))↓", "R(A(G↓))"], names, 2.6), "detail.jpg")
+
+
+def own_guidance(source: FittedMaterial) -> Array:
+    """The guidance of a fit, linear (H, W, 3)."""
+    return decode_srgb(source.guidance.numpy() / 255).astype(np.float32)
+
+
 def draw_levels(bench: Bench) -> None:
     """Does a smaller guidance give what a smaller picture of the material shows? On the quarter that was fitted."""
     btf = bench.btf("brick", SCALED_SIZE)
@@ -376,7 +441,7 @@ def levels(source: FittedMaterial, btf: BTF, fitted: tuple[int, int]) -> list[li
     """
     rows, columns = fitted
     shown = exposure(btf)
-    own = decode_srgb(source.guidance.numpy() / 255).astype(np.float32)
+    own = own_guidance(source)
     whole = guided(source, own, Treatment(exposure="1"))
     found = []
     for scale in SCALES:
