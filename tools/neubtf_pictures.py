@@ -3,11 +3,9 @@
     python tools/neubtf_pictures.py --out docs/images --keep FOLDER [NAME ...]
 
 `--keep` holds the fitted files, which are not fitted again: NeuBTF on the upper left quarter of 256² texels of brick,
-gravel, satin and wool (measured, `$NEUBTF_DATA`), by the paper's recipe and in some minutes; at several scales on the
-quarter of 128² texels of brick; at 64² and with 2,500 steps, what fails on cable-knit; and by the paper's recipe the
-fits of Table 1 to bricks (`$NEUBTF_DATA`), satin and wool. By the paper's recipe a quarter takes an hour of a core, and
-a whole material 1.7 hours. NAMEs choose among the pictures; by default all are drawn. Prints the figures that
-the page quotes.
+gravel, satin and wool (measured, `$NEUBTF_DATA`), by the paper's recipe and in some minutes; and at 64² and with 2,500
+steps, what fails on cable-knit. By the paper's recipe a quarter takes an hour and a half of a core. NAMEs choose among
+the pictures; by default all are drawn. Prints the figures that the page quotes.
 """
 
 import argparse
@@ -27,7 +25,6 @@ from threadpoolctl import threadpool_limits
 from bench.btf import BTF
 from bench.codec import Codec, Fit, settings_dict, silent
 from bench.codecs import container, loading
-from bench.codecs.encoding import new_fit
 from bench.codecs.registry import load_codec
 from bench.data.materials.maps import resize
 from bench.data.open import open_material
@@ -43,7 +40,6 @@ from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
 from bench.metrics.psnr import psnr
 from bench.metrics.scoring import Scorer
 from bench.records import SSIM
-from bench.runs.suite import load_suite
 from bench.training import load_texture
 from neubtf import latents, propagation
 from neubtf.codec import NeuBTF
@@ -54,7 +50,6 @@ from neubtf.seam import seam_of
 
 Array = np.ndarray
 SIZE = 256
-SCALED_SIZE = 128  # of what is fitted at several scales
 SMALL = 64  # of cable-knit, which `draw_failure` fits whole
 LARGE = 13  # points of text that a telephone shows, too
 FAILING = "cable-knit"
@@ -62,7 +57,7 @@ CUT = 210  # texels a side of the photographs from which the built-in reliefs we
 UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
-SCALES = (1, 3 / 4, 1 / 2, 1 / 4, 1 / 8)
+SCALES = (3 / 4, 1 / 2, 1 / 4)
 SEEN_FROM = 3 / 4  # the least scale that a fit by the paper's recipe sees
 BLENDED = 1 / 6  # of each side, so that a picture is tileable
 DRAPE_WIDTH = 320  # pixels
@@ -70,14 +65,7 @@ PAPER: dict[str, Any] = {"recipe": "paper"}
 # End to end from the first step, on single samples alone: the way to a useful encoder in some minutes of one core.
 BRIEF: dict[str, Any] = {"steps": 1800, "direct": 0.0, "taught": 0.0, "explore": 0.1}
 FITS = {"paper": "the paper's\nrecipe", "brief": "short fit"}  # by kind of fit: what pictures call it
-# By kind of fit, which is in the name of its file. Of those at several scales, "ours" shows random slices in half the
-# steps, half of which are rescaled; "paper" in all, all rescaled.
-SETTINGS: dict[str, dict[str, Any]] = {
-    "paper": PAPER,
-    "brief": BRIEF,
-    "scaled-ours": BRIEF | {"smallest": 0.25, "explore": 0.5, "steps": 3600},
-    "scaled-paper": PAPER | {"smallest": 0.25, "steps": 3600},
-}
+SETTINGS: dict[str, dict[str, Any]] = {"paper": PAPER, "brief": BRIEF}  # by kind of fit, which is in the file's name
 MOST_PAIRS = 150  # held-out pairs over which a figure is a mean
 
 
@@ -98,18 +86,7 @@ class Bench:
         codec = NeuBTF(keep_encoder=True, **SETTINGS[kind])
         return FittedMaterial.read(self.file(part, codec, Path(name).name, kind))
 
-    def of_table_1(self, name: str) -> tuple[FittedMaterial, BTF]:
-        """NeuBTF by the paper's recipe, fitted to a whole material as in `paper-nearest`, and that material."""
-        suite = load_suite("paper-nearest")
-        (spec,) = (each for each in suite.materials if each.name == name)
-        (chosen,) = (each for each in suite.codecs if each.settings.get("recipe") == "paper")
-        btf = open_material(spec, suite.data, silent)
-        training = btf.subset(btf.split().train)
-        codec = NeuBTF(**chosen.settings, keep_encoder=True)
-        path = self.file(training, codec, name, "table-1", new_fit(codec, training, 0, None))
-        return FittedMaterial.read(path), btf
-
-    def file(self, btf: BTF, codec: Codec, name: str, kind: str, fit: Fit | None = None) -> Path:
+    def file(self, btf: BTF, codec: Codec, name: str, kind: str) -> Path:
         """The file of a fit, kept from an earlier time if it has the same size, settings and version."""
         path = self.keep / f"{name}-{kind}-{btf.shape[0]}-{codec.name}.nbtf"
         if path.exists():
@@ -117,7 +94,7 @@ class Bench:
             settings = settings_dict(codec)
             if header.settings == settings and header.version == codec.version_of(settings):
                 return path
-        container.save(path, codec, codec.encode(btf, fit or Fit()))
+        container.save(path, codec, codec.encode(btf, Fit()))
         return path
 
     def save(self, figure: Figure, name: str) -> None:
@@ -349,26 +326,6 @@ def on_white(picture: Array) -> Array:
     return share * to_display(surface, still.exposure_for(picture)) + 1 - share
 
 
-def draw_published(bench: Bench) -> None:
-    """Structures that the materials never had, by the paper's recipe, and how well it keeps to smaller guidance."""
-    coins = decode_srgb(data.coins() / 255)
-    structures = {
-        "bricks": [(hexagons(side=34, joint=4), 1.0, "a drawing,\nas bricks"), (coins, 0.6, "coins,\nas bricks")],
-        "satin": [(jacquard(thread=26), 1.0, "a draft,\nas satin")],
-        "wool": [],  # measured: its pictures are not published
-    }
-    rows = []
-    names = []
-    for name, edits in structures.items():
-        source, btf = bench.of_table_1(name)
-        for structure, scale, what in edits:
-            pictures = shots(source, grey(structure), Treatment(scale=scale), EDITED)
-            rows.append([each[:160, :200] for each in pictures])
-            names.append(what)
-        print_levels(name, levels(source, btf, btf.shape))
-    bench.save(grid(rows, ["guidance", *map(lit_from, EDITED)], names, 2.3), "published.jpg")
-
-
 def hexagons(side: float, joint: float) -> Array:
     """A binary drawing (160, 200): hexagons `side` texels apart, with bright joints between them."""
     rows, columns = np.mgrid[-1:10, -1:10]
@@ -392,69 +349,47 @@ def jacquard(thread: int) -> Array:
 
 
 def draw_detail(bench: Bench) -> None:
-    """A smaller picture of the quarter, and smaller guidance, at scales that its fit has seen and has not."""
+    """Smaller guidance, and smaller pictures, at scales that a fit by the paper's recipe has seen and has not."""
     btf = bench.btf("brick")
-    rows, columns = btf.shape
-    source = bench.quarter("brick")
-    own = own_guidance(source)
-    whole = guided(source, own, Treatment(exposure="1"))
-    pair = _near(btf, PAIRS[1])
-    truth, answer = btf[pair][: rows // 2, : columns // 2], decoded(whole, btf, pair)
     shown = exposure(btf)
-    triptychs, names = [], []
-    for scale in SCALES[1:4]:
-        small = guided(source, own, Treatment(scale=scale, exposure="1"))
-        pictures = [resize(truth, small.size), resize(answer, small.size), decoded(small, btf, pair)]
-        triptychs.append([to_display(picture, shown) for picture in pictures])
-        names.append(f"{scale:g},\n{'seen' if scale >= SEEN_FROM else 'not seen'}")
-    bench.save(grid(triptychs, ["truth↓", "R(A(G))↓", "R(A(G↓))"], names, 2.6), "detail.jpg")
-
-
-def own_guidance(source: FittedMaterial) -> Array:
-    """The guidance of a fit, linear (H, W, 3)."""
-    return decode_srgb(source.guidance.numpy() / 255).astype(np.float32)
-
-
-def draw_levels(bench: Bench) -> None:
-    """Does a smaller guidance give what a smaller picture of the material shows? On the quarter that was fitted."""
-    btf = bench.btf("brick", SCALED_SIZE)
-    rows, columns = btf.shape
-    for kind in ("ours", "paper"):
-        source = bench.quarter("brick", f"scaled-{kind}", SCALED_SIZE)
-        print_levels(kind, levels(source, btf, (rows // 2, columns // 2)))
-
-
-def print_levels(name: str, found: list[list[float]]) -> None:
-    """Print what `levels` found as a table with this name above it."""
-    print(f"{name}:\n| scale | R(A(G↓)) to truth↓ | R(A(G))↓ to truth↓ | R(A(G↓)) to R(A(G))↓ |\n|" + " --- |" * 4)
-    for scale, decibels in zip(SCALES, found, strict=True):
-        cells = [f"{scale:g}"]
-        for value in decibels:
-            cells.append(f"{value:.2f}" if value < 100 else "same")
-        print(f"| {' | '.join(cells)} |", flush=True)
-
-
-def levels(source: FittedMaterial, btf: BTF, fitted: tuple[int, int]) -> list[list[float]]:
-    """Display PSNR in dB at each scale, pooled over a third of the held-out pairs: see the heads of `print_levels`.
-
-    `fitted` are the rows and columns of the material, from the upper left, that the fit saw.
-    """
-    rows, columns = fitted
-    shown = exposure(btf)
-    own = own_guidance(source)
-    whole = guided(source, own, Treatment(exposure="1"))
-    found = []
+    scaled = at_scales(bench.quarter("brick"))
+    rows, names = [], []
     for scale in SCALES:
-        small = guided(source, own, Treatment(scale=scale, exposure="1"))
+        rows.append(triptych(btf, _near(btf, PAIRS[1]), scaled[1], scaled[scale], shown))
+        names.append(f"{scale:g},\n{'seen' if scale >= SEEN_FROM else 'not seen'}")
+    bench.save(grid(rows, ["truth↓", "R(A(G))↓", "R(A(G↓))"], names, 2.6), "detail.jpg")
+    for name in ("brick", "satin"):
+        print_levels(name, bench.btf(name), at_scales(bench.quarter(name)))
+
+
+def at_scales(source: FittedMaterial) -> dict[float, Decoded]:
+    """The material of a fit by its own guidance, whole and at `SCALES`."""
+    own = decode_srgb(source.guidance.numpy() / 255).astype(np.float32)
+    return {scale: guided(source, own, Treatment(scale=scale, exposure="1")) for scale in (1, *SCALES)}
+
+
+def triptych(btf: BTF, pair: int, whole: Decoded, small: Decoded, shown: float) -> list[Array]:
+    """A slice of the quarter of a BTF that was fitted, of the material that it gave, and of that of smaller guidance,
+    all as displayed at the size of the last."""
+    rows, columns = whole.size
+    truth = resize(btf[pair][:rows, :columns], small.size)
+    after = resize(decoded(whole, btf, pair), small.size)
+    return [to_display(picture, shown) for picture in (truth, after, decoded(small, btf, pair))]
+
+
+def print_levels(name: str, btf: BTF, scaled: Mapping[float, Decoded]) -> None:
+    """Print a table of display PSNR in dB at each scale, pooled over a third of the held-out pairs."""
+    print(f"{name}:\n| scale | R(A(G↓)) to R(A(G))↓ | R(A(G↓)) to truth↓ | R(A(G))↓ to truth↓ |\n|" + " --- |" * 4)
+    shown = exposure(btf)
+    for scale in SCALES:
         errors = []
         for pair in heldout(btf)[::3]:
-            truth = to_display(resize(btf[pair][:rows, :columns], small.size), shown)
-            after = to_display(resize(decoded(whole, btf, pair), small.size), shown)
-            before = to_display(decoded(small, btf, pair), shown)
-            differences = (before - truth, after - truth, before - after)
-            errors.append([np.square(difference).mean() for difference in differences])
-        found.append(pooled(errors))
-    return found
+            truth, after, before = triptych(btf, pair, scaled[1], scaled[scale], shown)
+            errors.append(
+                [np.square(difference).mean() for difference in (before - after, before - truth, after - truth)]
+            )
+        decibels = " | ".join(f"{value:.1f}" for value in pooled(errors))
+        print(f"| {scale:g} | {decibels} |", flush=True)
 
 
 def draw_latents(bench: Bench) -> None:
