@@ -1,5 +1,5 @@
 import inspect
-import random
+import itertools
 import re
 import subprocess
 import sys
@@ -86,9 +86,13 @@ class Halves(MeanColourMaterial):
 
 
 class Unseeded(MeanColour):
+    """Gives another file each time; random numbers would at times be the same once they are halves."""
+
+    fits = itertools.count()
+
     def encode(self, btf, fit):
         parts = super().encode(btf, fit)
-        return Parts(texture={"mean": parts.texture["mean"] + random.random() / 100})
+        return Parts(texture={"mean": parts.texture["mean"] + next(self.fits)})
 
 
 class Remembers(Codec):
