@@ -89,7 +89,13 @@ def encode(btf_file: Path, files: Path, options: argparse.Namespace) -> None:
         if step % 1000 == 0:
             print(f"{step} of {options.steps}", file=sys.stderr, flush=True)
     arrays = {name: tensor.detach().numpy() for name, tensor in tensors_of(live).items()}
-    np.savez(files / WEIGHTS, size=np.array([height, width]), gain=np.float32(pairs.gain), **arrays)
+    np.savez(
+        files / WEIGHTS,
+        size=np.array([height, width]),
+        steps=np.int64(options.steps),
+        gain=np.float32(pairs.gain),
+        **arrays,
+    )
 
 
 @torch.no_grad()
@@ -99,10 +105,11 @@ def decode(files: Path) -> None:
         arrays = dict(stored)
     height, width = map(int, arrays.pop("size"))
     gain = float(arrays.pop("gain"))
+    steps = int(arrays.pop("steps"))
     live = their_model((height, width))
     for name, tensor in tensors_of(live).items():
         tensor.copy_(torch.from_numpy(arrays[name]))
-    live.vars.iter_count = STEPS  # by which the blur of their textures has faded
+    live.vars.iter_count = steps  # by which the blur of their textures has faded
     radius = base_radius((height, width))
 
     def evaluate(uv: Tensor, view: Tensor, light: Tensor) -> Tensor:

@@ -385,9 +385,8 @@ def print_levels(name: str, btf: BTF, scaled: Mapping[float, Decoded]) -> None:
         errors = []
         for pair in heldout(btf)[::3]:
             truth, after, before = triptych(btf, pair, scaled[1], scaled[scale], shown)
-            errors.append(
-                [np.square(difference).mean() for difference in (before - after, before - truth, after - truth)]
-            )
+            differences = (before - after, before - truth, after - truth)
+            errors.append([np.square(difference).mean() for difference in differences])
         decibels = " | ".join(f"{value:.1f}" for value in pooled(errors))
         print(f"| {scale:g} | {decibels} |", flush=True)
 
