@@ -65,8 +65,8 @@ class Wanted:
 def drawn(runs: Sequence[Path], wanted: Wanted) -> list[Figure]:
     """The figures of a kind, mostly one for each material that has one, drawn from runs that are read as one.
 
-    `InputError` for an unknown kind, for a choice that the run does not have, for a pair or an inset that a material
-    does not have, and if there is nothing to draw.
+    None if there is nothing to draw. `InputError` for an unknown kind, for a choice that the run does not have, and for
+    a pair or an inset that a material does not have.
     """
     if wanted.kind not in KINDS:
         raise InputError(f"figure {wanted.kind}: no such kind{did_you_mean(wanted.kind, KINDS)}")
@@ -78,8 +78,6 @@ def drawn(runs: Sequence[Path], wanted: Wanted) -> list[Figure]:
         figures_of_kind = [pairs_figure(run, name, wanted.pairs, inset) for name in names]
     else:
         figures_of_kind = list(figures.ALL[wanted.kind](run))
-    if not figures_of_kind:
-        raise InputError(f"figure {wanted.kind}: nothing to draw: {WHY_EMPTY[wanted.kind]}")
     return [_with_names_and_width(figure, wanted) for figure in figures_of_kind]
 
 

@@ -135,8 +135,8 @@ def test_what_cannot_be_drawn_says_what_is_missing(made, capsys):
     run = made.unfinished("failed", "Error: no").folder
     assert {*WHY_EMPTY} == {*KINDS}
     for kind in KINDS:
-        assert cli.main(["figure", kind, str(run), "-o", str(run / "figure.png")]) == 2
+        assert cli.main(["figure", kind, str(run), "-o", str(run / "figure.png")]) == 4
         assert WHY_EMPTY[kind] in capsys.readouterr().err, kind
     made.job("pca")
-    assert cli.main(["figure", "fronts", str(run), "-o", str(run / "figure.png")]) == 2
+    assert cli.main(["figure", "fronts", str(run), "-o", str(run / "figure.png")]) == 4
     assert "validation" in capsys.readouterr().err

@@ -13,13 +13,14 @@ examples:
 
 import argparse
 import re
+import sys
 from pathlib import Path
 
 from bench.cli.commands import several
 from bench.files import atomic
-from bench.inputs.errors import FINE, InputError, visible, writable
+from bench.inputs.errors import FINE, NOTHING, InputError, visible, writable
 from reports.choice import Choice, new_names
-from reports.drawn import KINDS, PAIRS, Wanted, drawn
+from reports.drawn import KINDS, PAIRS, WHY_EMPTY, Wanted, drawn
 
 ENDINGS = (".png", ".svg", ".pdf")
 
@@ -40,7 +41,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draw the figures and write one file for each material; returns the exit code."""
+    """Draw the figures and write one file for each material; returns `FINE`, or `NOTHING` if there is none to draw."""
     ending = options.out.suffix.lower()
     if ending not in ENDINGS:
         raise InputError(f"{options.out}: give a name that ends in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
@@ -51,6 +52,11 @@ def run(options: argparse.Namespace) -> int:
     choice = Choice(codecs=options.codec, names=new_names(options.name), materials=options.material)
     # One figure for each material; of several, each file is named after its material.
     figures = drawn(options.runs, Wanted(options.kind, choice, options.width, options.pair, _inset(options.inset)))
+    if not figures:
+        names = ", ".join(map(str, options.runs))
+        why = WHY_EMPTY[options.kind]
+        print(f"neubtf-bench: {visible(names)}: no figure {options.kind}: {why}", file=sys.stderr)
+        return NOTHING
     for figure in figures:
         place = options.out
         if len(figures) > 1:
