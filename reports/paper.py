@@ -156,10 +156,12 @@ def _cell_of_material(material: str, row: Row) -> str:
 
 
 def _fit_in_words(fit: Mapping[Any, Any]) -> str:
-    """A row of `_numbers` as a fit: "corduroy, steps=20000, 3 seeds, ± 0.07 dB", the deviation of PSNR over them."""
+    """A row of `_numbers` as a fit: "corduroy, slices=4, steps=20000, 3 seeds, ± 0.07 dB", the deviation of PSNR over
+    them."""
     settings = settings_in(fit["label"])
-    if fit["steps"] and not any(word.startswith("steps=") for word in settings):  # no label has a default
-        settings.append(f"steps={fit['steps']}")
+    for name in ("slices", "steps"):  # what a fit has seen; no label has a default
+        if fit[name] and not any(word.startswith(f"{name}=") for word in settings):
+            settings.append(f"{name}={fit[name]}")
     seeds = f"{fit['seeds']} seed{'s' if fit['seeds'] > 1 else ''}"
     words = [f"{fit['material']} {fit['size']}".strip(), f"{fit['fitted']:,} pairs", *settings, seeds]
     if not isnan(fit["over_seeds"]):
@@ -241,7 +243,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
     fits += [fit for fit in nearest if fit.job.get("run") in starts]
     rows = [_number_of_job(fit, group, family) for fit, group, family in product(fits, _PAIRS, _METRICS)]
     keys = ["material", "paper", "codec", "label", "version", "status", "fitted", "group", "family"]
-    frame = pd.DataFrame(rows, columns=[*keys, "by_recipe", "stale", "steps", "size", "why", "mean", "std"])
+    frame = pd.DataFrame(rows, columns=[*keys, "by_recipe", "stale", "slices", "steps", "size", "why", "mean", "std"])
     numbers = (
         frame.astype({"mean": float, "std": float})
         .groupby(keys, sort=False, as_index=False)
@@ -251,7 +253,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
             over_seeds=("mean", lambda means: means.std(skipna=False)),
             seeds=("mean", "size"),
             stale=("stale", "any"),
-            **{name: (name, "first") for name in ("by_recipe", "steps", "size", "why")},
+            **{name: (name, "first") for name in ("by_recipe", "slices", "steps", "size", "why")},
         )
     )
     numbers["itself"] = numbers["material"] == numbers["paper"]
@@ -261,6 +263,7 @@ def _numbers(run: Run, materials: Sequence[MaterialRows]) -> pd.DataFrame:
 def _number_of_job(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
     """The row of one job, group and family, before `_numbers` takes the seeds together."""
     job = fit.job
+    settings = job.get("settings", {})
     height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
     stats = fit.stats(group, family) if job["status"] == "ok" else Statistics()
     exact = all_exact(stats)
@@ -276,7 +279,8 @@ def _number_of_job(fit: MaterialRow, group: str, family: str) -> dict[str, Any]:
         "fitted": job.get("pairs", {}).get("train", 0),
         "by_recipe": job["codec"] == METHOD and as_published(job),
         "stale": job["status"] == "ok" and bool(fit.values["stale"]),
-        "steps": job.get("settings", {}).get("steps", 0),
+        "slices": settings.get("slices", 0),
+        "steps": settings.get("steps", 0),
         "size": f"{height} × {width}" if height != width else "",  # the paper's are square
         "mean": nan if exact else stats.get("mean"),
         "std": nan if exact else stats.get("std"),

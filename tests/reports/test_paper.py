@@ -56,11 +56,11 @@ def test_ours_is_over_the_fitted_pairs_the_longest_fit_by_the_papers_recipe(made
     made.job("neumip recipe=paper steps=90", material="wool", run="2", psnr=32.0, settings={"steps": 90})
     fitted = made._group(26.5)  # of the longest fit, over its fitted pairs
     scores = {"all": made._group(24.0), "train": fitted, "heldout": made._group(20.0)}
-    made.job(f"{PAPER} steps=30", material="wool", run="2", scores=scores, settings={"steps": 30})
+    made.job(f"{PAPER} steps=30", material="wool", run="2", scores=scores, settings={"slices": 4, "steps": 30})
     table = short(made)
     assert table.headers[1] == ("fabric01", "wool")
     assert cells(table)["PSNR ↑, ours"][0] == "26.50 ± 1.500"
-    assert "wool, 8 pairs, steps=30, 1 seed" in table.notes[1]
+    assert "wool, 8 pairs, steps=30, slices=4, 1 seed" in table.notes[1]
 
 
 def test_a_material_of_the_paper_itself_comes_before_the_nearest_one(made):
