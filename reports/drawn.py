@@ -65,8 +65,8 @@ class Wanted:
 def drawn(runs: Sequence[Path], wanted: Wanted) -> list[Figure]:
     """The figures of a kind, mostly one for each material that has one, drawn from runs that are read as one.
 
-    None if there is nothing to draw. `InputError` for an unknown kind, for a choice that the run does not have, and for
-    a pair or an inset that a material does not have.
+    An empty list if there is nothing to draw. `InputError` for an unknown kind, for a choice that the run does not
+    have, and for a pair or an inset that a material does not have.
     """
     if wanted.kind not in KINDS:
         raise InputError(f"figure {wanted.kind}: no such kind{did_you_mean(wanted.kind, KINDS)}")
