@@ -29,13 +29,14 @@ from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, half_a_texel_further, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
+from bench.data.readers.npz import NpzSource
 from bench.data.spec import Preparation, Table
 from bench.files import atomic
 from bench.files.atomic import cache_dir
 
 __all__ = ["PathTracer", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise"]
 __all__ += ["size_note", "table"]
-# Increment when maps are read differently: it stands in every baked file, and so in the fingerprints of published rows.
+# Increment when maps are read differently: it is part of the cache key, and so of the fingerprints of published rows.
 BAKE_VERSION = 2
 log = logging.getLogger(__name__)
 
@@ -150,9 +151,23 @@ def open_svbrdf(
             _render_to(path, surface, pair_table.pairs, None, pair_notes, show, seed=0, path_tracer=path_tracer)
 
         atomic.make_once(path, make)
-        return replace(open_btf(path), name=name)  # a reader names it by the file in the cache
+        btf = open_btf(path)
+        assert isinstance(btf.source, NpzSource)
+        return replace(btf, name=name, source=_Kept(btf.source, key))  # a reader names it by the file in the cache
 
     return joined(data.tables(name, seed=0, draw=draw), cached)
+
+
+class _Kept(NpzSource):
+    """A bake in the cache. Its fingerprint is its key: what processors render differs in the last bits of values, and
+    no score by it."""
+
+    def __init__(self, source: NpzSource, key: str):
+        super().__init__(source.values, source.path)
+        self._key = key
+
+    def fingerprint(self) -> str:
+        return self._key
 
 
 def _cache_key(map_files: MapFiles, size: int, pair_notes: dict[str, Any]) -> str:
