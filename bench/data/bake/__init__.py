@@ -159,8 +159,8 @@ def open_svbrdf(
 
 
 class _Kept(NpzSource):
-    """A bake in the cache. Its fingerprint is its key: what processors render differs in the last bits of values, and
-    no score by it."""
+    """A bake in the cache. Its fingerprint is its cache key, not a hash of its values: these differ in the last bits
+    between processors, which changes no score."""
 
     def __init__(self, source: NpzSource, key: str):
         super().__init__(source.values, source.path)
